@@ -1,1 +1,1 @@
-"""What a camera is: stereo rig, lens distortion, exposure, image sensor."""
+"""Cameras: stereo rig, lens distortion, exposure, image sensor."""

@@ -1,4 +1,4 @@
-"""How a camera moves relative to the ground, to the rover's body and to its legs."""
+"""Motion of a camera relative to the ground, to the rover's body and to its legs."""
 
 from __future__ import annotations
 

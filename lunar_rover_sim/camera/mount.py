@@ -1,4 +1,4 @@
-"""Where cameras are and how they move: on the rover's body, or beside the rover."""
+"""Mounts of cameras, fixed or moving: on the rover's body, or beside the rover."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a lens passes on: the picture, and stray light of the sun and of bright ground over it.
+"""Light that a lens passes on: the picture, and stray light of sun and bright ground over it.
 
 Stray light varies slowly but for the neighbourhood of the sun. It is computed at the corners of
 cells and interpolated between them; only near the sun every pixel is computed.

@@ -1,4 +1,4 @@
-"""How help looks; apart from the other options, since the help of the whole imports no library."""
+"""Layout of help; apart from the other options, since the help of the whole imports no library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What commands print: lines, tables and JSON on stdout, the progress of long work on stderr.
+"""Output of commands: lines, tables and JSON on stdout, progress of long work on stderr.
 
 Tables are folded to the terminal, or to COLUMNS where it is set, and to 100 columns in a pipe or a
 file: nothing is cut off.

@@ -1,4 +1,4 @@
-"""What C libraries print past Python."""
+"""Output that C libraries print past Python."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What light does: reflectance, sun visibility, shadows of rocks, indirect light, lamp."""
+"""Light: reflectance, sun visibility, shadows of rocks, indirect light, lamp."""

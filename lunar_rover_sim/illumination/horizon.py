@@ -1,4 +1,4 @@
-"""Which ground the sun sees: boundaries of shadows over nested height grids.
+"""Sunlit ground: boundaries of shadows over nested height grids.
 
 The sun does not move during a run, so this is done once per (world, sun). For every sample of
 every level two numbers are kept, both measured along the central ray from the ground to the sun:

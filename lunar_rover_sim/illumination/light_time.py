@@ -1,4 +1,4 @@
-"""When a site is in light: the sky over time before the horizon of a world."""
+"""Times when a site is in light: the sky over time before the horizon of a world."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a single place sees of the sun: the share of its disc and where its light comes from."""
+"""The sun from one place: the visible share of its disc, and where its light comes from."""
 
 from __future__ import annotations
 

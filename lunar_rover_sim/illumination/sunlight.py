@@ -1,4 +1,4 @@
-"""What the sun sees of a world: computed once per (world, sun)."""
+"""Sunlight on a world: computed once per (world, sun)."""
 
 from __future__ import annotations
 

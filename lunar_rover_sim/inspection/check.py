@@ -1,4 +1,4 @@
-"""Whether a bag can be trusted: complete, in step, and consistent with itself.
+"""Check of a bag: complete, in step, and consistent with itself.
 
 Time starts at one period: with states at 200 Hz the first stamp is 5 ms and the last one the
 duration, so that counts are exactly rate x duration. Rates are those of the scenario in the bag,

@@ -1,4 +1,4 @@
-"""Whether a tracker can follow the recorded images: a frame rate that fits the walk.
+"""Prediction of tracking on recorded images: a frame rate that fits the walk.
 
 Feature-based trackers expect that the camera moves from frame to frame as it did before, and look
 for each known point around the pixel that follows. ORB-SLAM3 (Campos et al., IEEE T-RO 2021)

@@ -1,4 +1,4 @@
-"""What an ONNX file of a small network holds, read without a library of ONNX.
+"""ONNX files of small networks, read without a library of ONNX.
 
 Metadata must be read where onnxruntime is absent, and layers be computed with NumPy there. The
 wire format is that of Protocol Buffers (encoding: varint keys, lengths); the field numbers are

@@ -1,4 +1,4 @@
-"""What differs from episode to episode: one dataclass of ranges, and one draw of them."""
+"""Differences between episodes: one dataclass of ranges, and one draw of them."""
 
 from __future__ import annotations
 

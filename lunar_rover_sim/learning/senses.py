@@ -1,4 +1,4 @@
-"""What a policy sees: what the messages of a rover say at one stamp, and what follows from them.
+"""Observations of a policy: the messages of a rover at one stamp, and what follows from them.
 
 The environments and `policy_node` make their observations here, so that both are one.
 """

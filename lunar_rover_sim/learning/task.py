@@ -1,4 +1,4 @@
-"""What the tasks share: an episode of one rover on its ground, from conditions to an outcome.
+"""The part that tasks share: an episode of one rover on its ground, from conditions to outcome.
 
 A task file (`walk.py`, `gait_task.py`, `reach.py`) says what is seen, what an action means, what
 is rewarded and when an episode ends. This one builds the episode, steps it, and watches it. None

@@ -1,1 +1,1 @@
-"""What a LiDAR or time-of-flight camera is: beams, ray casting on the world, returns, scans."""
+"""LiDAR and time-of-flight cameras: beams, ray casting on the world, returns, scans."""

@@ -1,4 +1,4 @@
-"""How the sensor moves during a scan."""
+"""Motion of the sensor during a scan."""
 
 from __future__ import annotations
 

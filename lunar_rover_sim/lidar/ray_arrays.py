@@ -1,4 +1,4 @@
-"""What rays are cast on, as the arrays that compiled code reads."""
+"""The world that rays are cast on, as arrays that compiled code reads."""
 
 from __future__ import annotations
 

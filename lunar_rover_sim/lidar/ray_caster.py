@@ -1,4 +1,4 @@
-"""Where rays meet a world: its levels one after the other, from the finest to the coarsest."""
+"""Rays against a world: its levels one after the other, from the finest to the coarsest."""
 
 from __future__ import annotations
 

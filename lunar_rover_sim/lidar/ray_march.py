@@ -1,4 +1,4 @@
-"""How a ray finds the ground and the rocks: plain loops, compiled by Numba.
+"""Rays against ground and rocks: plain loops, compiled by Numba.
 
 A ray begins where it may meet something (`free_sight`), and goes through large blocks of cells.
 Where it dips below the greatest height of one, it goes through the small blocks within; where it

@@ -1,4 +1,4 @@
-"""What comes back: signal, detection, noise of ranges, intensity.
+"""Returns of pulses: signal, detection, noise of ranges, intensity.
 
 The laser and the receiver are in one place, so the phase angle is 0 and the opposition effect is
 at its peak. A beam that lies on a surface with the bidirectional reflectance r [1/sr], per normal

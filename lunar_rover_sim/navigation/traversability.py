@@ -1,4 +1,4 @@
-"""What of a map a rover can cross: step height, slope and roughness against its description."""
+"""Ground that a rover can cross: step height, slope and roughness against its description."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the rover changes of the ground, as topics: changes at frame rate, and all of it at once.
+"""Topics of changed ground: changes at frame rate, and all of it at once.
 
 A reader that joins late takes the snapshot, and over it the changes with later stamps. Values are
 absolute, so it then has the ground exactly.

@@ -1,4 +1,4 @@
-"""What nodes that drive the legs have in common: joint states in, joint commands out, in step."""
+"""The part that leg-driving nodes share: joint states in, joint commands out, in step."""
 
 from __future__ import annotations
 

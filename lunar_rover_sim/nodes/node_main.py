@@ -1,4 +1,4 @@
-"""How every node starts, spins and ends."""
+"""Start, spinning and end of every node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How time goes on: by the wall clock, or by steps that a service grants while it is paused.
+"""Pace of time: the wall clock, or steps that a service grants while time is paused.
 
 rclpy's events executor awaits no coroutine: a callback that waited in the node's thread would wait
 for ever. So the service has a thread, and a ROS node for it.

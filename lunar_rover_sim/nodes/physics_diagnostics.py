@@ -1,4 +1,4 @@
-"""What physics_node reports on /diagnostics: state rate, pace, participants, drops, attitude."""
+"""Reports of physics_node on /diagnostics: state rate, pace, participants, drops, attitude."""
 
 from __future__ import annotations
 

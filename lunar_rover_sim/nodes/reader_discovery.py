@@ -1,4 +1,4 @@
-"""Whether the readers of a node have been discovered, so that none misses its first message.
+"""Discovery of a node's readers, so that none misses its first message.
 
 Topics are VOLATILE: a reader gets what is sent after its publisher has been matched with it. In
 lockstep a node therefore holds its first message until all who take part are matched.

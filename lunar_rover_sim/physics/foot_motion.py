@@ -1,4 +1,4 @@
-"""How each foot moves over the ground, from the true motion of the rover: sweep and slip.
+"""Motion of each foot over the ground, from the true motion of the rover: sweep and slip.
 
 A wheel of radius r slips by i = 1 - v / (r omega) (Wong, Theory of Ground Vehicles, 2008, ch. 2):
 the part of its driven way that it does not get on. For a spoke leg the driven way is what the leg

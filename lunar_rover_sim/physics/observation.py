@@ -1,4 +1,4 @@
-"""What is observed of the rover: its pose and motion, its motors, and the signals of its IMU."""
+"""Observations of the rover: pose and motion, motors, and the signals of its IMU."""
 
 from __future__ import annotations
 

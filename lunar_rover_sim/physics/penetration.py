@@ -1,4 +1,4 @@
-"""How deep the spoke tips penetrate what they touch."""
+"""Depth by which spoke tips penetrate what they touch."""
 
 from __future__ import annotations
 

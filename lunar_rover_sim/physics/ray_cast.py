@@ -1,4 +1,4 @@
-"""What stands between a place and the sky, by MuJoCo's rays."""
+"""Obstacles between a place and the sky, by MuJoCo's rays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the rover has tipped over."""
+"""Detection of a rover that has tipped over."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the soil of a world is loose: rims and ejecta of fresh craters, and slopes.
+"""Loose soil of a world: rims and ejecta of fresh craters, and slopes.
 
 Houston et al. (1974, from memory) found, by the depth of bootprints, the soil of crater rims more
 porous than that between craters, and of slopes too. How much looser is a choice: the most is

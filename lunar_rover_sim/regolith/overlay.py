@@ -1,4 +1,4 @@
-"""What the rover has changed of the ground: height and compaction on a sparse fine grid.
+"""Changes of the ground by the rover: height and compaction on a sparse fine grid.
 
 The sample (ix, iy) lies at x = 5 mm ix, y = 5 mm iy; whole numbers, 0 at the origin of the world.
 Samples exist in tiles of 20 x 20 (10 cm) around what was touched; elsewhere both values are 0.

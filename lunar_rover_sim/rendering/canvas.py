@@ -1,4 +1,4 @@
-"""Where a pair of images is drawn, frame after frame."""
+"""Targets that a pair of images is drawn into, frame after frame."""
 
 from __future__ import annotations
 

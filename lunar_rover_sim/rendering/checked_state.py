@@ -1,4 +1,4 @@
-"""What the renderer asks of a state before it draws it."""
+"""Checks of a state before the renderer draws it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which parts of the ground are drawn: chunks of the nested height grids, finer near the camera.
+"""Chunks of the ground to draw, of the nested height grids, finer near the camera.
 
 A chunk is 8 x 8 cells of stride 1, 2, 4 ... samples. With distance its vertices move onto the
 mesh of the next stride (as in CDLOD: Strugar, "Continuous Distance-Dependent Level of Detail for

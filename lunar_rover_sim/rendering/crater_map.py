@@ -1,4 +1,4 @@
-"""Which crater each place of the ground lies in, as textures that a shader looks up.
+"""Craters by place of the ground, as textures that a shader looks up.
 
 A place lies in a crater if it is within half the crater's diameter of its centre: within the rim
 of the fresh crater, taken as a circle. Where several overlap, the youngest counts, the one that

@@ -1,4 +1,4 @@
-"""What the numbers of the label image mean, and a vocabulary of them for readers.
+"""Meaning of the numbers in the label image, and a vocabulary of them for readers.
 
 Labels are 16 bits, so that an image of them is `mono16`. Rocks have one each: 16 + their index in
 the catalogue of the world, and after those the far rocks (`world.far_rocks`). Craters have an

@@ -1,4 +1,4 @@
-"""What drawn relief leaves to the law: roughness by mip level, and a factor that keeps the mean.
+"""Residual roughness below drawn relief, by mip level, and a factor that keeps the mean.
 
 Hapke's law with the macroscopic roughness theta of a parameter set holds for ground whose relief
 is not drawn. Where a part of the relief is drawn, with slope variance V of both directions, the

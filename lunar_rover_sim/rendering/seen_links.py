@@ -1,4 +1,4 @@
-"""Which links of the rover its own cameras can see."""
+"""Links of the rover that its own cameras can see."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the shaders need of one tile of tracks: slopes, its own shadows, and trodden soil."""
+"""Texels of one tile of tracks: slopes, its own shadows, and trodden soil."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all cameras of a renderer share: the surface and its light, rocks, rover, tracks, lamp."""
+"""Passes that all cameras of a renderer share: ground, its light, rocks, rover, tracks, lamp."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the rover is, how its legs stand, and how both move: what a picture of it depends on."""
+"""Pose of the rover and its legs, and the motion of both: all that a picture of it depends on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page of the live view asks for besides topics: the map, and who drives."""
+"""Services for the page of the live view, besides topics: the map, and who drives."""
 
 from __future__ import annotations
 

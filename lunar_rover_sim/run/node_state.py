@@ -1,4 +1,4 @@
-"""What a node tells the supervisor of its run: that it is ready, what it waits for, why it ends.
+"""Reports of a node to the supervisor of its run: ready, waiting for something, or ending.
 
 The supervisor gives each node a pipe, whose number is in an environment variable. The node writes
 a line of JSON for each state. Its log says the same for people.

@@ -1,4 +1,4 @@
-"""What a run publishes, and what its recorder takes of it.
+"""Topics that a run publishes, and those that its recorder takes.
 
 Plan, recorder, checks of a bag and warnings before a run all ask here.
 """

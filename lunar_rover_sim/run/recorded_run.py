@@ -1,4 +1,4 @@
-"""What a bag says of its run: scenario, rover, nodes, frames of the rover, and world."""
+"""The run behind a bag: scenario, rover, nodes, frames of the rover, and world."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a sensor is: its parameters, its topics, what it measures, and how that is read back.
+"""The sensor: its parameters, topics and measurement, and how that is read back.
 
 Nodes, exports, pictures and the data card know a sensor by what its class says here. MuJoCo and
 SciPy take time to import, and every command imports the parameters of the sensors: modules of this

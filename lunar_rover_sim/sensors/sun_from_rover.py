@@ -1,4 +1,4 @@
-"""What places on the rover see of the sun, while it moves."""
+"""The sun from places on the rover, while it moves."""
 
 from __future__ import annotations
 

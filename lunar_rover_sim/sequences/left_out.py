@@ -1,4 +1,4 @@
-"""What an export leaves out: recorded sensors that it has no place for, a line for each reason."""
+"""Recorded sensors that an export has no place for, a line for each reason."""
 
 from __future__ import annotations
 

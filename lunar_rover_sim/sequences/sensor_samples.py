@@ -1,4 +1,4 @@
-"""What LiDAR and other sensors measured last, for samples of a learner.
+"""Newest measurements of LiDAR and other sensors, for samples of a learner.
 
 Of each topic counts the last message at or before the stamp of an image, with its own stamp: a
 scan bears that of its start, and a sensor that is silent has last spoken long ago.

@@ -1,4 +1,4 @@
-"""What every exported sequence format shares: PNG files from threads, text files, sensors."""
+"""The part that sequence formats share: PNG files from threads, text files, sensors."""
 
 from __future__ import annotations
 

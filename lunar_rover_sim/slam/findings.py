@@ -1,4 +1,4 @@
-"""What a benchmark shows of the published findings: shown, not shown, or contradicted.
+"""Published findings against a benchmark: shown, not shown, or contradicted.
 
 Each sentence rests on a test over the drives, and says which. `Not shown` does not say that a
 finding is wrong: the drives do not decide it.

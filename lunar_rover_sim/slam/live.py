@@ -1,4 +1,4 @@
-"""How ROS 2 wrappers of ORB-SLAM3 are fed from the graph, and where their poses come out.
+"""ROS 2 wrappers of ORB-SLAM3 in the graph: how they are fed, and where their poses come out.
 
 Names are those of the wrappers' sources: github.com/zang09/ORB_SLAM3_ROS2 (package orbslam3) and
 github.com/suchetanrs/ORB-SLAM3-ROS2-Docker (package orb_slam3_ros2_wrapper).

@@ -1,4 +1,4 @@
-"""What all stages have in common: units, axes, poses, labels."""
+"""Conventions of all stages: units, axes, poses, labels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an orbiter knows of a world: heights and an orthophoto as GeoTIFF, rocks and craters.
+"""Maps as from orbit: heights and an orthophoto as GeoTIFF, rocks and craters.
 
 Pixels are means over their area. Errors are drawn once with a seed: heights are off by noise that
 is smooth over some pixels, as that of stereo from orbit, and the whole map is shifted.

@@ -1,4 +1,4 @@
-"""Where on the Moon a world lies, and how its grid is turned against true north."""
+"""Site of a world on the Moon, and the angle of its grid to true north."""
 
 from __future__ import annotations
 
