@@ -317,7 +317,11 @@ def _video(args: argparse.Namespace) -> int:
 
 
 def _camera(film: Film, args: argparse.Namespace) -> ChaseConfig:
-    """Return the chase camera that is asked for. Raises ConfigError where it cannot be."""
+    """Return the chase camera that is asked for.
+
+    Raises:
+        ConfigError: Where it cannot be.
+    """
     chase = film.chase
     if args.behind:
         chase = dataclasses.replace(chase, reference=HEADING, azimuth_deg=180.0)

@@ -108,7 +108,8 @@ def pose_of(msg: Odometry) -> Array:
 def twist_of(msg: Odometry) -> tuple[Array, Array]:
     """Return linear [m/s] and angular [rad/s] velocity, (3,) in axes of the child frame.
 
-    Raises GraphError if they are not finite.
+    Raises:
+        GraphError: If they are not finite.
     """
     v, w = msg.twist.twist.linear, msg.twist.twist.angular
     twist = np.array([v.x, v.y, v.z]), np.array([w.x, w.y, w.z])
@@ -153,8 +154,10 @@ def fill_joint_state(msg: JointState, legs: Legs, position: Array, velocity: Arr
 def legs_of(msg: JointState, legs: Legs, field: str) -> Array:
     """Return (legs,) values of `field` ('position' [rad] or 'velocity' [rad/s]) in leg order.
 
-    The message may name the joints in any order, and others too. Raises GraphError if a joint or
-    its value is missing.
+    The message may name the joints in any order, and others too.
+
+    Raises:
+        GraphError: If a joint or its value is missing.
     """
     names, values = list(msg.name), getattr(msg, field)
     try:
@@ -184,7 +187,8 @@ def fill_imu_raw(msg: Imu, sample: ImuSample, accel_variance: float, gyro_varian
 def fill_imu_truth(msg: Imu, state: RoverState, imu_wxyz: Array, stamp: Time) -> Imu:
     """Write the noise-free signal and the orientation of the IMU in `odom` into `msg`; return it.
 
-    imu_wxyz: (4,) orientation of the IMU in base_link
+    Args:
+        imu_wxyz: (4,) orientation of the IMU in base_link.
     """
     _set_header(msg.header, stamp, frames.IMU_FRAME)
     _set_vector(msg.linear_acceleration, state.specific_force_mps2)

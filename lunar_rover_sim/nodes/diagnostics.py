@@ -26,7 +26,9 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 class SubjectStatus:
     """What is to be said of one subject.
 
-    level: OK, WARN or ERROR; values: key → value as text
+    Attributes:
+        level: OK, WARN or ERROR.
+        values: Key → value as text.
     """
 
     level: bytes

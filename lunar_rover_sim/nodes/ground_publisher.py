@@ -21,14 +21,17 @@ from lunar_rover_sim.world.grid import HeightGrid
 class GroundPublisher:
     """Publishes changes whenever a period [ns] is over, and a snapshot for each new reader.
 
-    changes: the publisher of the changes
+    Attributes:
+        changes: The publisher of the changes.
     """
 
     def __init__(self, node: GraphNode, overlay: Overlay, ground: HeightGrid,
                  period_ns: int, frame_id: str) -> None:
         """Publish the first snapshot: the ground at the start.
 
-        ground: the untouched one; frame_id: of the clouds
+        Args:
+            ground: The untouched one.
+            frame_id: Of the clouds.
         """
         self._overlay, self._ground, self._period_ns = overlay, ground, period_ns
         self._now_ns, self._frame_id = 0, frame_id

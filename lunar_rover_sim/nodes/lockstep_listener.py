@@ -40,11 +40,15 @@ class LockstepListener:
         A stamp more than a second after it is refused, because it would hold the gate open until
         then. Answers that come before the first time are kept until `judge_early`.
     on_answer: called after every answer
-    drops: answers that were lost or refused
-    handlers: topic → callback that gets each message before the gate learns its stamp; the type
-        of these topics has a header
-    relays: topics whose publishers wait for somebody else's first answer in turn; in the first
-        simulated second they may take as long as a first answer
+
+    Attributes:
+        drops: Answers that were lost or refused.
+
+    Args:
+        handlers: Topic → callback that gets each message before the gate learns its stamp; the
+            type of these topics has a header.
+        relays: Topics whose publishers wait for somebody else's first answer in turn; in the first
+            simulated second they may take as long as a first answer.
     """
 
     def __init__(self, node: GraphNode, wait: WaitConfig, lockstep: bool,

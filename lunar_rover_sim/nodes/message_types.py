@@ -34,7 +34,8 @@ _STRING = re.compile(r'(w?string)<(\d+)>')
 def definition_of(type_name: str) -> str:
     """Return the definition of `package/msg/Name`, and of the types that it uses, as MCAP has it.
 
-    Raises GraphError where one of them is not installed.
+    Raises:
+        GraphError: Where one of them is not installed.
     """
     parts: dict[str, str] = {}
     waiting = [type_name.replace('/msg/', '/')]

@@ -38,10 +38,11 @@ _SPIN_S = 0.1   # the longest time until an idle node notices a signal
 class GraphNode(Node):
     """A node that can end by itself: finished, or because of an error in a callback.
 
-    finished: set to end the node successfully after the current callback
-    warnings: what is refused or goes wrong often, with its count
-    failure: the error of this package that a callback raised. `run` prints it as one line; the
-        executor would log a traceback.
+    Attributes:
+        finished: Set to end the node successfully after the current callback.
+        warnings: What is refused or goes wrong often, with its count.
+        failure: The error of this package that a callback raised. `run` prints it as one line; the
+            executor would log a traceback.
     """
 
     def __init__(self, name: str) -> None:

@@ -23,7 +23,8 @@ def load_own_world(folder: str) -> World:
 def refuse_other_worlds(node: Node, folder: str, world: World, lockstep: bool) -> None:
     """Subscribe to the hash of the physics' world; another one than ours raises GraphError.
 
-    folder: of our world, for the message
+    Args:
+        folder: Of our world, for the message.
     """
     def callback(msg: String) -> None:
         if msg.data != world.hash:

@@ -28,9 +28,12 @@ _RESERVED = ('use_sim_time', 'start_type_description_service', qos.PREFIX)
 def declare(node: Node, cls: type[C]) -> C:
     """Declare every parameter of `cls` on the node and return `cls` with the node's overrides.
 
-    node: was made with automatically_declare_parameters_from_overrides
-    Raises ConfigError if an override has the wrong type, is out of range, or has a name that is
-    not declared.
+    Args:
+        node: Was made with automatically_declare_parameters_from_overrides.
+
+    Raises:
+        ConfigError: If an override has the wrong type, is out of range, or has a name that is not
+            declared.
     """
     qos.check_values(node)
     defaults = cls()

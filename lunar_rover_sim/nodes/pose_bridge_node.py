@@ -38,7 +38,8 @@ WORLD_FRAME = 'world'       # the global frame of simulation_interfaces
 def make_target(node: GraphNode, config: PoseBridgeNodeConfig) -> PoseTarget:
     """Return the interface that the parameters name.
 
-    Raises GraphError where it needs simulation_interfaces, and that is not installed.
+    Raises:
+        GraphError: Where it needs simulation_interfaces, and that is not installed.
     """
     if config.interface == TELEPORT:
         publisher = node.create_publisher(PoseStamped, topics.TELEPORT.name,

@@ -18,8 +18,9 @@ _TELL_S = 60.0
 class BridgedState:
     """One state as another simulator is to show it.
 
-    poses: entity → (4, 4) pose in the other simulator's world; the first one is base_link
-    linear_mps, angular_radps: (3,) velocity of base_link, axes of that world
+    Attributes:
+        poses: Entity → (4, 4) pose in the other simulator's world; the first one is base_link.
+        linear_mps, angular_radps: (3,) velocity of base_link, axes of that world.
     """
 
     stamp_ns: int

@@ -56,7 +56,8 @@ class ReaderDiscovery:
     def is_complete(self) -> bool:
         """Whether the first message may be sent.
 
-        Raises GraphError if a participant has a QoS with which it would lose messages.
+        Raises:
+            GraphError: If a participant has a QoS with which it would lose messages.
         """
         now_s = time.monotonic()
         if not self._is_complete and now_s - self._last_poll_s > _POLL_S:
@@ -98,7 +99,8 @@ class ReaderDiscovery:
     def _participants(self) -> set[tuple[str, str]] | None:
         """Return (namespace, name) of the participants; None where a name is not known yet.
 
-        Raises GraphError for a QoS with which an answer may get lost.
+        Raises:
+            GraphError: For a QoS with which an answer may get lost.
         """
         names = set()
         for topic in self._topics:

@@ -46,8 +46,9 @@ _SINGLE_S = 0.3
 class _Frame:
     """A frame: the state that it shows, the layers drawn so far, and the topics published.
 
-    due: the periods [ns] whose first frame it is
-    before: the state of the last frame with depth before it, None for the first one
+    Attributes:
+        due: The periods [ns] whose first frame it is.
+        before: The state of the last frame with depth before it, None for the first one.
     """
 
     stamp_ns: int

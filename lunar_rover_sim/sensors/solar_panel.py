@@ -49,12 +49,13 @@ def solar_power_w(config: SolarPanelConfig, sun: SeenSun | None, irradiance: flo
                   R_world_base: Array) -> float:
     """Return the electric power of a panel [W].
 
+    It is irradiance x visible share of the disc x cosine of incidence x area x efficiency. Light
+    of the ground, and how cells reflect grazing light and suffer from heat, are left out.
+
     Args:
         sun: What its place sees of the sun.
         irradiance: Normal, of the whole disc [W/m2].
-        R_world_base: (3, 3) attitude of the rover It is irradiance x visible share of the disc x
-            cosine of incidence x area x efficiency. Light of the ground, and how cells reflect
-            grazing light and suffer from heat, are left out.
+        R_world_base: (3, 3) attitude of the rover.
     """
     if sun is None:
         return 0.0

@@ -69,9 +69,11 @@ class SunHeads:
     def measure(self, sun: SeenSun | None, R_world_base: Array) -> Array | None:
         """Return the (3,) unit vector to the sun in base axes, None if no head sees it.
 
+        The head that looks nearest to the sun measures two angles about its axis z, atan(x / z)
+        and atan(y / z), each with its errors.
+
         Args:
-            sun: What the place of the sensor sees The head that looks nearest to the sun measures
-                two angles about its axis z, atan(x / z) and atan(y / z), each with its errors.
+            sun: What the place of the sensor sees.
         """
         if sun is None or sun.share < self._config.least_share or not self._heads:
             return None

@@ -35,7 +35,10 @@ FASTEST_MPS = 0.6
 class MeasurementSettings:
     """The rover, physics and gait of a measurement, and how long each walk is measured [s].
 
-    The walk starts at the origin. Raises ConfigError if the gait does not suit the spokes.
+    The walk starts at the origin.
+
+    Raises:
+        ConfigError: If the gait does not suit the spokes.
     """
 
     rover: RoverDescription = RoverDescription()
@@ -73,13 +76,14 @@ def measure(settings: MeasurementSettings, rates_hz: Sequence[float] = FINE[0],
             progress: Callable[[int, int], object] = lambda done, total: None) -> GaitCalibration:
     """Walk every stride of a table on flat ground, turning left and right; return the table.
 
-    rates_hz, turns: phase rates [Hz] and turns of the table
-    workers: processes that share the walks; their number does not change the result
-    progress: called after each walk with the number of walks done, and of all
-
     Left and right are averaged: a trot begins with one diagonal and is not symmetric. Raises
     PhysicsError if a walk cannot be simulated, ConfigError if the rover does not walk forward and
     turn.
+
+    Args:
+        rates_hz, turns: Phase rates [Hz] and turns of the table.
+        workers: Processes that share the walks; their number does not change the result.
+        progress: Called after each walk with the number of walks done, and of all.
     """
     strides = [Stride.turning(rate, sign * turn) for rate in rates_hz for turn in turns
                for sign in ((1.0, -1.0) if turn else (1.0,))]

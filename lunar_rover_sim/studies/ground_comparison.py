@@ -31,8 +31,9 @@ class Quantity:
 class Compared:
     """One quantity on one ground, and what it is more there than on the first ground.
 
-    difference, p: of the worlds that have the value on both grounds, pairwise; p of Wilcoxon's
-    signed-rank test, two-sided; None on the first ground
+    Attributes:
+        difference, p: Of the worlds that have the value on both grounds, pairwise; p of Wilcoxon's
+            signed-rank test, two-sided; None on the first ground.
     """
 
     quantity: Quantity
@@ -46,7 +47,8 @@ def compare(results: Mapping[str, Sequence[Any]],
             quantities: Sequence[Quantity]) -> list[Compared]:
     """Compare grounds; results: ground → results in the order of worlds, the same on each ground.
 
-    Raises StudyError if there are not as many on each ground.
+    Raises:
+        StudyError: If there are not as many on each ground.
     """
     counts = {name: len(each) for name, each in results.items()}
     if len(set(counts.values())) != 1:

@@ -20,8 +20,10 @@ from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise, noise_parameters
 class AllanCurve:
     """Overlapping Allan deviation of some channels.
 
-    tau_s: (k,) averaging times [s]; deviation: (k, c) in the unit of the signal;
-    duration_s: length of the record.
+    Attributes:
+        tau_s: (k,) averaging times [s].
+        deviation: (k, c) in the unit of the signal.
+        duration_s: Length of the record.
     """
 
     tau_s: Array
@@ -108,7 +110,9 @@ WHITE_TOLERANCE, RANDOM_WALK_TOLERANCE = 0.05, 0.15
 class SensorNoise:
     """The noise of one sensor: Allan deviation, configured densities, and those read back.
 
-    name: accelerometer or gyroscope; unit: that of its signal
+    Attributes:
+        name: Accelerometer or gyroscope.
+        unit: That of its signal.
     """
 
     name: str
@@ -143,7 +147,8 @@ def study(config: ImuConfig, duration_s: float = 3600.0, rate_hz: float = 200.0,
           seed: int = 1) -> list[SensorNoise]:
     """Simulate an IMU at rest for a time [s]; return the noise of accelerometer and gyroscope.
 
-    Raises StudyError for fewer than 100 samples.
+    Raises:
+        StudyError: For fewer than 100 samples.
     """
     n = round(duration_s * rate_hz)
     at_rest = np.broadcast_to([0.0, 0.0, GRAVITY_MPS2], (n, 3))
@@ -182,7 +187,8 @@ def plot_format(path: str | Path) -> str:
 def plot(sensors: list[SensorNoise], path: str | Path) -> None:
     """Write a plot of the Allan deviation of each sensor; PNG, or what the suffix says.
 
-    Raises StudyError if the file cannot be written.
+    Raises:
+        StudyError: If the file cannot be written.
     """
     figure = Figure(figsize=(11, 4.5), layout='constrained')
     for axes, sensor in zip(figure.subplots(1, len(sensors)), sensors):

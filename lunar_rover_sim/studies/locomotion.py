@@ -54,15 +54,16 @@ class PitchCurve:
 class PitchReport:
     """What a pitch curve shows.
 
-    steady_low_deg, steady_high_deg: least and greatest pitch of the steady part
-    steady_rms_deg, rms_deg: about the mean, of the steady part and of all after the command
-    overshoot_deg: how far the first seconds after the command go beyond the steady range, which
-        here includes the pitch at rest, so that leaving it is no overshoot
-    decay_s: time after the command when the curve is last beyond that range by a tenth of the
-        steady amplitude
-    dominant_hz: frequency of the highest line of the steady spectrum (Hann window)
-    step_share: share of the steady variance within 10 % of the step frequency; NaN if unknown
-    periodicity: autocorrelation of the steady part at one gait cycle, 1 = strictly periodic
+    Attributes:
+        steady_low_deg, steady_high_deg: Least and greatest pitch of the steady part.
+        steady_rms_deg, rms_deg: About the mean, of the steady part and of all after the command.
+        overshoot_deg: How far the first seconds after the command go beyond the steady range,
+            which here includes the pitch at rest, so that leaving it is no overshoot.
+        decay_s: Time after the command when the curve is last beyond that range by a tenth of the
+            steady amplitude.
+        dominant_hz: Frequency of the highest line of the steady spectrum (Hann window).
+        step_share: Share of the steady variance within 10 % of the step frequency; NaN if unknown.
+        periodicity: Autocorrelation of the steady part at one gait cycle, 1 = strictly periodic.
     """
 
     steady_low_deg: float
@@ -91,8 +92,12 @@ def analyse(curve: PitchCurve, command_s: float, cycle_hz: float = math.nan,
             step_hz: float = math.nan) -> PitchReport:
     """Return what a curve shows.
 
-    command_s: when the command begins [s]; cycle_hz, step_hz: gait cycles and steps per second
-    Raises StudyError if the curve ends before the steady part has lasted 2 s.
+    Args:
+        command_s: When the command begins [s].
+        cycle_hz, step_hz: Gait cycles and steps per second.
+
+    Raises:
+        StudyError: If the curve ends before the steady part has lasted 2 s.
     """
     time, pitch = curve.time_s - command_s, curve.pitch_deg
     steady = time >= STEADY_FROM_S
@@ -116,7 +121,10 @@ def analyse(curve: PitchCurve, command_s: float, cycle_hz: float = math.nan,
 def read_curve(path: str | Path, name: str = '') -> PitchCurve:
     """Read a pitch curve from a CSV of two columns: time [s], pitch [deg]; a header is skipped.
 
-    The curve is resampled to even steps. Raises StudyError that names file and line.
+    The curve is resampled to even steps.
+
+    Raises:
+        StudyError: If it cannot be read; the error names file and line.
     """
     rows: list[tuple[float, float]] = []
     text = read_text(Path(path), _MAX_BYTES, StudyError)
@@ -177,9 +185,10 @@ TRACKING_S = 0.1     # time constant with which the velocity interface tracks it
 class LocomotionCase:
     """One speed under one gravity: both curves and their reports.
 
-    cycle_hz, step_hz: gait cycles, and groups of legs that touch down, per second
-    mean_speed_mps: of the walk in its steady part
-    misses: how far a tracker would mispredict images of the walk, at FRAME_RATES_HZ
+    Attributes:
+        cycle_hz, step_hz: Gait cycles, and groups of legs that touch down, per second.
+        mean_speed_mps: Of the walk in its steady part.
+        misses: How far a tracker would mispredict images of the walk, at FRAME_RATES_HZ.
     """
 
     speed_mps: float
@@ -231,8 +240,9 @@ def study(calibration: GaitCalibration, rover: RoverDescription | None = None,
           progress: Callable[[int, int], None] | None = None) -> list[LocomotionCase]:
     """Walk and track every speed under every gravity.
 
-    duration_s: length of each walk, from the command on [s]
-    progress: called after each case with the number of cases done, and of all
+    Args:
+        duration_s: Length of each walk, from the command on [s].
+        progress: Called after each case with the number of cases done, and of all.
     """
     rover = rover or RoverDescription()
     gait = (gait or GaitConfig()).for_rover(rover)

@@ -26,7 +26,8 @@ def plot_cases(cases: Sequence[LocomotionCase], path: str | Path,
                overlays: Sequence[PitchCurve] = ()) -> None:
     """Write a plot with one panel per case: both curves, and any other ones.
 
-    Raises StudyError if the file cannot be written.
+    Raises:
+        StudyError: If the file cannot be written.
     """
     gravities = sorted({case.gravity_mps2 for case in cases})
     speeds = sorted({case.speed_mps for case in cases})
@@ -55,7 +56,8 @@ def plot_cases(cases: Sequence[LocomotionCase], path: str | Path,
 def write_curves(cases: Sequence[LocomotionCase], path: str | Path) -> None:
     """Write the curves of all cases as one CSV: time [s], then pitch [deg] column by column.
 
-    Raises StudyError if the file cannot be written.
+    Raises:
+        StudyError: If the file cannot be written.
     """
     names = ['time_s']
     columns = [cases[0].gait.time_s]
@@ -110,7 +112,8 @@ def write_all(cases: Sequence[LocomotionCase], overlays: Sequence[PitchCurve],
               tracking: Sequence[CommandTracking], folder: Path) -> str:
     """Write locomotion.md, locomotion.png and pitch.csv; return the text of the first.
 
-    Raises StudyError if one cannot be written.
+    Raises:
+        StudyError: If one cannot be written.
     """
     text = report_text(cases, overlays, tracking)
     atomic_write(folder / 'locomotion.md', text, StudyError)

@@ -29,16 +29,19 @@ _CONFIDENCE = 0.95
 class OdometryStudy:
     """Errors and consistency of the wheel odometry over several drives.
 
-    drives: number of drives; rolled_m: way that their legs rolled, in all
-    tipped_over: seeds of further drives, in which the rover tipped over: encoders do not see that
-    measured: scales and deviations that fit these drives
-    errors: (n, 3) true pose less that of the odometry at the end of each drive, in the frame of
-        its start: x, y [m], yaw [rad]
-    consistency: squared errors at the end over their stated covariance, mean of the drives and of
-        the three axes; 1 where the covariance is right, more where it promises too much
-    interval: (2,) where it lies in 95 of 100 studies of as many drives if the covariance is right
-        (Bar-Shalom, Li, Kirubarajan, Estimation with applications to tracking and navigation,
-        2001, section 5.4)
+    Attributes:
+        drives: Number of drives.
+        rolled_m: Way that their legs rolled, in all.
+        tipped_over: Seeds of further drives, in which the rover tipped over: encoders do not see
+            that.
+        measured: Scales and deviations that fit these drives.
+        errors: (n, 3) true pose less that of the odometry at the end of each drive, in the frame
+            of its start: x, y [m], yaw [rad].
+        consistency: Squared errors at the end over their stated covariance, mean of the drives and
+            of the three axes; 1 where the covariance is right, more where it promises too much.
+        interval: (2,) where it lies in 95 of 100 studies of as many drives if the covariance is
+            right (Bar-Shalom, Li, Kirubarajan, Estimation with applications to tracking and
+            navigation, 2001, section 5.4).
     """
 
     drives: int
@@ -59,9 +62,12 @@ def study(scenario: Scenario, seeds: Sequence[int], duration_s: float, workers: 
           progress: Callable[[int, int], object] = lambda done, total: None) -> OdometryStudy:
     """Drive with random commands on the scenario's world of each seed; judge the odometry.
 
-    duration_s: of each drive [s], at least one command long
-    Raises StudyError if there are fewer than three drives, if the rover tipped over in all but
-    two, or if it stood still.
+    Args:
+        duration_s: Of each drive [s], at least one command long.
+
+    Raises:
+        StudyError: If there are fewer than three drives, if the rover tipped over in all but two,
+            or if it stood still.
     """
     if len(seeds) < LEAST_DRIVES:
         raise StudyError(f'{len(seeds)} drives are not valid; valid are at least {LEAST_DRIVES}')
@@ -99,9 +105,14 @@ def judge(walks: Sequence[Walk], rover: RoverDescription, counts_per_turn: int,
           rolling: Rolling) -> OdometryStudy:
     """Judge wheel odometry on recorded walks.
 
-    counts_per_turn: of the encoders; rolling: scales and deviations that the odometry assumes
-    Walks in which the rover tips over are left out; `tipped_over` holds their indices. Raises
-    StudyError if fewer than three are left, or if the rover stood still.
+    Walks in which the rover tips over are left out; `tipped_over` holds their indices.
+
+    Args:
+        counts_per_turn: Of the encoders.
+        rolling: Scales and deviations that the odometry assumes.
+
+    Raises:
+        StudyError: If fewer than three are left, or if the rover stood still.
     """
     tipped_over = tuple(k for k, each in enumerate(walks) if _tips_over(each))
     walks = [each for k, each in enumerate(walks) if k not in tipped_over]

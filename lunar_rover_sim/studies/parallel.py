@@ -19,9 +19,12 @@ def map_in_processes(function: Callable[[Item], Result], items: Sequence[Item], 
                      ) -> list[Result]:
     """Return function(item) of all items, in their order.
 
-    workers: number of processes; up to 1 for this one. They get function and items pickled.
-    progress: called with each result, how many there are so far, and how many there will be
-    Raises StudyError if a process dies.
+    Args:
+        workers: Number of processes; up to 1 for this one. They get function and items pickled.
+        progress: Called with each result, how many there are so far, and how many there will be.
+
+    Raises:
+        StudyError: If a process dies.
     """
     results: list[Result] = []
 

@@ -29,12 +29,15 @@ def study(scenario: Scenario, frames: int, figures: Path | None = None,
           progress: Callable[[int, int], object] = lambda done, total: None) -> StereoErrors:
     """Draw stereo pairs along a loop through a scenario, match them, and sum up their errors.
 
-    frames: number of pairs
-    figures: folder for figures of the first and the middle pair, SCENARIO_NUMBER.png
-    progress: called with the number of pairs done, and of all: at first with 0, once world and
-        sunlight are ready
-    Raises StudyError for fewer than one pair and for a figure that cannot be written, RenderError
-    if nothing can be drawn.
+    Args:
+        frames: Number of pairs.
+        figures: Folder for figures of the first and the middle pair, SCENARIO_NUMBER.png.
+        progress: Called with the number of pairs done, and of all: at first with 0, once world and
+            sunlight are ready.
+
+    Raises:
+        StudyError: For fewer than one pair and for a figure that cannot be written.
+        RenderError: If nothing can be drawn.
     """
     if frames < 1:
         raise StudyError(f'frames: {frames} is not valid; valid is >= 1')

@@ -44,7 +44,8 @@ class Ground:
     def config(self, base: GroundConfig = GroundConfig()) -> GroundConfig:
         """Return the parameters of the ground; base: its other parameters.
 
-        Raises ConfigError for a preset that does not exist.
+        Raises:
+            ConfigError: For a preset that does not exist.
         """
         if self.name == RIGID:
             return dataclasses.replace(base, model=RIGID)
@@ -66,13 +67,16 @@ class WalkSettings:
 class GroundWalk:
     """One walk.
 
-    outcome: 'walked', or why not
-    speed_mps: along the slope, upward; lateral_mps: across it
-    slip: of all feet, as `SlipMeter.total`
-    transport: electric energy / (weight × distance), infinite where it does not get on
-    power_w: mean electric power
-    pitch_rms_deg: RMS of the pitch about its mean
-    sinkage_m: mean of the deepest foot; sinkage_max_m: the greatest
+    Attributes:
+        outcome: 'walked', or why not.
+        speed_mps: Along the slope, upward.
+        lateral_mps: Across it.
+        slip: Of all feet, as `SlipMeter.total`.
+        transport: Electric energy / (weight × distance), infinite where it does not get on.
+        power_w: Mean electric power.
+        pitch_rms_deg: RMS of the pitch about its mean.
+        sinkage_m: Mean of the deepest foot.
+        sinkage_max_m: The greatest.
     """
 
     ground: Ground
@@ -90,7 +94,8 @@ class GroundWalk:
 def measure(settings: WalkSettings, ground: Ground, world: World | None = None) -> GroundWalk:
     """Walk, and return what was measured; a rover that cannot stand there is a result, too.
 
-    world: to walk on, by default a plane of the ground's slope
+    Args:
+        world: To walk on, by default a plane of the ground's slope.
     """
     physics = dataclasses.replace(settings.physics, start=StartPose(),
                                   ground=ground.config(settings.physics.ground))

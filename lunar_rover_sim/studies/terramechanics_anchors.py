@@ -28,8 +28,9 @@ LOST_SLIP = 0.5
 class Anchor:
     """A number of the model, its bounds, and their source.
 
-    held: whether the number must lie between them; if not, they are those of other machines, for
-        comparison
+    Attributes:
+        held: Whether the number must lie between them; if not, they are those of other machines,
+            for comparison.
     """
 
     name: str

@@ -42,18 +42,21 @@ DRIVEN, TIPPED_OVER, STRANDED, DUG_IN = 'driven', 'tipped over', 'stranded', 'du
 class Traverse:
     """One drive over one world.
 
-    outcome: 'driven' (all the time), 'tipped over', 'stranded' (all the time, but stuck in one
-        place at the end, although it backed up), 'dug in' (stranded, with feet deep in regolith),
-        or an error of the simulation
-    driven_s: simulated time [s]; distance_m: length of the horizontal path at 5 Hz [m]
-    waypoints, stuck, tilted: waypoints reached, times stuck, times stopped by tilt and recovered
-    slip: of all feet, as `SlipMeter.total`
-    transport_mechanical, transport_electric: energy / (mass gravity distance), of the positive
-        power at the legs and of that drawn from the supply (nothing is recuperated)
-    tilt_mean_deg, tilt_p95_deg, tilt_max_deg: angle between base z and the vertical [deg]
-    pitch_rms_deg: RMS of the pitch about its mean over two seconds: that of the walk [deg]
-    penetration_max_m: greatest penetration of a spoke tip into ground or rock, at 200 Hz [m]
-    path_m: (n, 3) positions at 5 Hz, world frame [m]
+    Attributes:
+        outcome: 'driven' (all the time), 'tipped over', 'stranded' (all the time, but stuck in one
+            place at the end, although it backed up), 'dug in' (stranded, with feet deep in
+            regolith), or an error of the simulation.
+        driven_s: Simulated time [s].
+        distance_m: Length of the horizontal path at 5 Hz [m].
+        waypoints, stuck, tilted: Waypoints reached, times stuck, times stopped by tilt and
+            recovered.
+        slip: Of all feet, as `SlipMeter.total`.
+        transport_mechanical, transport_electric: Energy / (mass gravity distance), of the positive
+            power at the legs and of that drawn from the supply (nothing is recuperated).
+        tilt_mean_deg, tilt_p95_deg, tilt_max_deg: Angle between base z and the vertical [deg].
+        pitch_rms_deg: RMS of the pitch about its mean over two seconds: that of the walk [deg].
+        penetration_max_m: Greatest penetration of a spoke tip into ground or rock, at 200 Hz [m].
+        path_m: (n, 3) positions at 5 Hz, world frame [m].
     """
 
     seed: int
@@ -113,9 +116,12 @@ def random_waypoints(world: World, length_m: float, rng: np.random.Generator,
                      start_m: ArrayLike = (0.0, 0.0)) -> Array:
     """Return (n, 2) waypoints [m] of a route from a start (2,) on, at least length_m [m] long.
 
-    The straight way from each to the next keeps `CORRIDOR_M` from obstacles, as an operator with
-    a map would plan it: the rover avoids nothing by itself. Obstacles that are nearer to the start
-    are ignored. Raises StudyError if the world is too small or no route is found.
+    The straight way from each to the next keeps `CORRIDOR_M` from obstacles, as an operator with a
+    map would plan it: the rover avoids nothing by itself. Obstacles that are nearer to the start
+    are ignored.
+
+    Raises:
+        StudyError: If the world is too small or no route is found.
     """
     limit = world.ground.half_extent_m - MARGIN_M
     if limit < WAYPOINT_STEP_M[1]:
@@ -339,8 +345,11 @@ class TraverseStore(StudyFolder):
 class TraverseSettings:
     """What drives: rover, physics, gait and path following.
 
-    duration_s: simulated time of each drive [s]
-    Raises ConfigError if the gait does not suit the spokes.
+    Attributes:
+        duration_s: Simulated time of each drive [s].
+
+    Raises:
+        ConfigError: If the gait does not suit the spokes.
     """
 
     rover: RoverDescription = RoverDescription()
@@ -369,7 +378,8 @@ def study(worlds: WorldConfig, seeds: Sequence[int], settings: TraverseSettings,
           progress: Callable[[Traverse, int, int], object] | None = None) -> list[Traverse]:
     """Traverse one world per seed, shared by `workers` processes.
 
-    progress: called after each drive with its result, the number of drives done, and of all
+    Args:
+        progress: Called after each drive with its result, the number of drives done, and of all.
     """
     return map_in_processes(functools.partial(_traverse_seed, worlds, settings), seeds, workers,
                             progress)

@@ -75,7 +75,8 @@ def report_text(results: Sequence[Traverse], scenario: str) -> str:
 def write_all(results: Sequence[Traverse], scenario: str, folder: Path) -> str:
     """Write traverse.md, traverse.csv and traverse.png; return the text of the first.
 
-    Raises StudyError if one cannot be written.
+    Raises:
+        StudyError: If one cannot be written.
     """
     text = report_text(results, scenario)
     atomic_write(folder / 'traverse.md', text, StudyError)
@@ -97,7 +98,8 @@ def write_csv(results: Sequence[Traverse], path: str | Path) -> None:
 def plot_paths(results: Sequence[Traverse], path: str | Path) -> None:
     """Write a plot of all paths, and of distance over time.
 
-    Raises StudyError if the file cannot be written.
+    Raises:
+        StudyError: If the file cannot be written.
     """
     figure = Figure(figsize=(12.0, 5.5), layout='constrained')
     above, along = figure.subplots(1, 2)

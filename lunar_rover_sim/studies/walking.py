@@ -79,8 +79,10 @@ def walk(simulation: Simulation, controller: GaitController, duration_s: float,
          command: Callable[[GaitController, int], object]) -> Walk:
     """Walk from the start pose for a time [s] and return what was recorded.
 
-    command: called as command(controller, stamp_ns) before each update of the controller
     The controller is updated every `STATE_PERIOD_S`; its command holds until the next update.
+
+    Args:
+        command: Called as command(controller, stamp_ns) before each update of the controller.
     """
     steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
     state = simulation.reset()
