@@ -86,9 +86,9 @@ class Rolling:
     """How a rover goes on over a ground while its feet roll.
 
     Attributes:
-        forward_scale, yaw_scale: Its way and its turn over those of the feet forward_stddev,
-            lateral_stddev [m/sqrt(m)], yaw_stddev [rad/sqrt(m)]: error along, across and of the
-            heading, for each root of a metre that the legs have rolled.
+        forward_scale, yaw_scale: Its way and its turn over those of the feet.
+        forward_stddev, lateral_stddev, yaw_stddev: Error along, across and of the heading, for
+            each root of a metre that the legs have rolled [m/sqrt(m)], [rad/sqrt(m)].
     """
 
     forward_scale: float
