@@ -121,6 +121,9 @@ LEFT_INFO = Topic('stereo/left/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME
                   'with a rolling shutter of that of the middle row')
 RIGHT_INFO = Topic('stereo/right/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
                    frames.RIGHT_OPTICAL_FRAME, 'REP-104; P[3] = -fx B')
+EXPOSURE = Topic('stereo/exposure', 'sensor_msgs/msg/JointState', FRAME, 'render_node',
+                 frames.LEFT_OPTICAL_FRAME, 'position: exposure time of the left and the right '
+                 'image [s]')
 DISPARITY = Topic('stereo/disparity', 'stereo_msgs/msg/DisparityImage', DEPTH_FRAME,
                   'render_node', frames.LEFT_OPTICAL_FRAME,
                   'semi-global matching on the rendered pair')
@@ -279,10 +282,10 @@ SHOWN = Topic('pose_bridge/shown', 'std_msgs/msg/Header', EVENT, 'pose_bridge_no
 CONTRACT: tuple[Topic, ...] = (
     CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, CONTACT, GROUND_CHANGES,
     GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, *POWER, SUN_SENSOR, STAR_TRACKER, SOLAR_POWER,
-    JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH,
-    DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, LABELS, CRATERS, SHADOW,
-    NORMALS, OPTICAL_FLOW, SCENE_FLOW, *OF_RIGHT, *OF_COLOURS, LABEL_INFO, BOXES, LABEL_CLASSES,
-    VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD, *OF_LIDAR,
+    JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, EXPOSURE, DISPARITY,
+    DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, LABELS, CRATERS,
+    SHADOW, NORMALS, OPTICAL_FLOW, SCENE_FLOW, *OF_RIGHT, *OF_COLOURS, LABEL_INFO, BOXES,
+    LABEL_CLASSES, VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD, *OF_LIDAR,
     LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
     RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TRAVERSABILITY, ELEVATION, GRID_MAP, PLAN,
     GOAL, NAVIGATOR_STATUS, NAVIGATED, TELEPORT, BRIDGED_JOINTS, SHOWN)
@@ -291,6 +294,9 @@ GOAL_POSE = Topic('goal_pose', 'geometry_msgs/msg/PoseStamped', EVENT, '')
 WAYPOINTS = Topic('waypoints', 'nav_msgs/msg/Path', EVENT, '')
 # One of each with every stereo pair: the first that is recorded tells of all.
 OF_PAIRS: tuple[Topic, ...] = (LEFT_IMAGE, LEFT_INFO)
+# For these a pair is exposed.
+OF_IMAGES: tuple[Topic, ...] = (LEFT_IMAGE, RIGHT_IMAGE, LEFT_COMPRESSED, RIGHT_COMPRESSED,
+                                DISPARITY, DEPTH, POINTS)
 # Of a package that may not be installed.
 OF_VISION: tuple[Topic, ...] = (BOXES, LABEL_CLASSES, VISION_INFO)
 OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)

@@ -27,6 +27,7 @@ GRAVITY = 1.62
 WIDTH, HEIGHT, FOCAL_PX = 160, 120, 120.0
 MOUNT = StereoMount()
 SPEED, RADIUS = 0.15, 2.0
+EXPOSURE_S = 2.5e-3
 # What an estimator is given and judged by.
 FOR_ESTIMATORS = (topics.LEFT_IMAGE, topics.LEFT_INFO, topics.RIGHT_IMAGE, topics.RIGHT_INFO,
                   topics.ODOM, topics.IMU_RAW, topics.IMU_BIAS, topics.TF_STATIC, topics.SCENARIO)
@@ -254,7 +255,10 @@ def frame_items(ns: int, scene: Scene, with_depth: bool = True) -> list[Item]:
         f=FOCAL_PX, t=MOUNT.baseline_m, valid_window=roi, min_disparity=0.0, max_disparity=64.0,
         delta_d=0.0625)
     sgm_depth = np.where(seen, depth, np.nan).astype(np.float32)
+    exposure = msg('sensor_msgs/JointState', header=header(ns, frame), name=['left', 'right'],
+                   position=np.full(2, EXPOSURE_S), velocity=np.empty(0), effort=np.empty(0))
     made = [
+        (topics.EXPOSURE, exposure),
         (topics.LEFT_IMAGE, image(ns, frame, 'mono8', left)),
         (topics.RIGHT_IMAGE, image(ns, frames.RIGHT_OPTICAL_FRAME, 'mono8', right)),
         (topics.LEFT_INFO, camera_info(ns, frame, 0.0)),

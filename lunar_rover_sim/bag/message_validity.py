@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.camera.encoding import BAYER8, BAYER16, is_bayer
 
 BYTES_PER_PIXEL = {BAYER8: 1, BAYER16: 2, 'mono8': 1, '8UC1': 1, 'mono16': 2, '16UC1': 2,
@@ -174,6 +175,14 @@ def joints_problem(message: Any) -> str:
         if length != n:
             return f'{name} holds {length} values for {n} joints'
     return ''
+
+
+def exposure_problem(message: Any) -> str:
+    """Left and right image have a time, which is positive."""
+    if list(message.name) != ['left', 'right'] or len(message.position) != 2:
+        return f'exposure times of {brief(list(message.name))}, not of left and right'
+    shortest = float(min(message.position))
+    return '' if shortest > 0.0 else f'exposure time {shortest:g} s is not positive'
 
 
 def camera_info_problem(message: Any) -> str:

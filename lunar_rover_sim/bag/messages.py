@@ -24,6 +24,11 @@ def header_ns(message: Any) -> int:
     return time_ns(message.header.stamp)
 
 
+def exposure_s(message: Any) -> float:
+    """Return the exposure time [s] of a pair from a message of `stereo/exposure`."""
+    return float(message.position[0])
+
+
 def xyz(vector: Any) -> tuple[float, float, float]:
     """Return a geometry_msgs/Vector3 or Point."""
     return vector.x, vector.y, vector.z

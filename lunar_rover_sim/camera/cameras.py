@@ -27,6 +27,7 @@ _BOTH = ('left', 'right')
 # Topic → the layers of the renderer that it shows or is computed from. CameraInfos come last:
 # they tell that the images of the frame are out.
 _OF_STEREO: dict[Topic, tuple[str, ...]] = {
+    topics.EXPOSURE: ('left',),
     topics.LEFT_IMAGE: ('left',), topics.RIGHT_IMAGE: ('right',), topics.TRUE_DEPTH: ('depth',),
     topics.LEFT_COMPRESSED: ('left',), topics.RIGHT_COMPRESSED: ('right',),
     topics.DISPARITY: _BOTH, topics.DEPTH: _BOTH, topics.POINTS: _BOTH, topics.DEPTH_INFO: (),

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import frames, topics
+from lunar_rover_sim.bag.messages import exposure_s
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.series import common_stamps, picture, read_imu, read_odometry
 from lunar_rover_sim.bag.totals import driven_distance_m, every_step, simulated_end_ns
@@ -32,6 +33,7 @@ _BRIGHT_PERCENTILE = 90.0
 MEANINGS: dict[str, str] = {
     'duration_s': 'simulated time [s]',
     'frames': 'images of the left camera',
+    'exposure_s': 'mean exposure time of the pairs [s]',
     'distance_m': 'length of the true path, horizontal, in steps of 0.1 s [m]',
     'mean_speed_mps': 'distance over duration [m/s]',
     'climb_m': 'difference of the highest and the lowest point of the path [m]',
@@ -70,6 +72,9 @@ def statistics(path: Path | str) -> dict[str, Any]:
         result['bytes'] = bag.size_bytes
         result['duration_s'] = simulated_end_ns(bag) / 1e9
         result['frames'] = bag.count(topics.LEFT_IMAGE.name)
+        if bag.count(topics.EXPOSURE.name):
+            result['exposure_s'] = float(np.mean(
+                [exposure_s(m) for _, _, m in bag.messages([topics.EXPOSURE.name])]))
         if bag.has(bag.truth):
             result.update(_path(bag))
         if bag.has(topics.SUN.name):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.message_validity import lidar_cloud_problem, lidar_points
+from lunar_rover_sim.bag.messages import exposure_s, header_ns
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.series import hazard_topics
 from lunar_rover_sim.bag.totals import driven_distance_m
@@ -206,11 +207,11 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
 
     stereo_<n>.png left and right image side by side, disparity and true depth below them;
     truth.png and truth_right.png labels, craters, shadow, normals, flow; hazard_<name>.png image
-    and truth of each hazard camera; chase.png; lidar.png; heading_and_power.png sun sensor, star
-    tracker and wheel odometry against the truth, motor currents and power; trajectory.png over the
-    hillshade of the world, where its folder is found (`world` names it); attitude.png and imu.png
-    over time; map.png maps with plan and goal. Pictures of topics that the bag does not hold are
-    left out.
+    and truth of each hazard camera; chase.png; lidar.png; exposure.png where exposure times
+    change; heading_and_power.png sun sensor, star tracker and wheel odometry against the truth,
+    motor currents and power; trajectory.png over the hillshade of the world, where its folder is
+    found (`world` names it); attitude.png and imu.png over time; map.png maps with plan and goal.
+    Pictures of topics that the bag does not hold are left out.
 
     Raises:
         BagError: Where nothing can be shown.
@@ -235,6 +236,7 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
         hazard_figures(bag, save)
         chase_figure(bag, save)
         lidar_figure(bag, save)
+        _exposure(bag, save)
         heading_figure(bag, save)
         if bag.has(bag.truth):
             odometry = series.read_odometry(bag)
@@ -299,6 +301,21 @@ def _draw(figure: Figure, axes: Any, bag: Bag, topic: topics.Topic, message: Any
 def _percentile(values: np.ndarray, percent: float) -> float:
     known = values[np.isfinite(values)]
     return float(np.percentile(known, percent)) if known.size else 1.0
+
+
+def _exposure(bag: Bag, save: Callable[[Figure, str], None]) -> None:
+    """Draw exposure times that change."""
+    name = topics.EXPOSURE.name
+    found = [(header_ns(m) * 1e-9, 1e3 * exposure_s(m)) for _, _, m in bag.messages([name])] \
+        if bag.has(name) else []
+    if len({time_ms for _, time_ms in found}) < 2:
+        return
+    figure = Figure(figsize=(9, 2.5), layout='constrained')
+    axes = figure.subplots()
+    axes.plot(*zip(*found), lw=0.8)
+    axes.set(title=name, xlabel='time [s]', ylabel='[ms]')
+    axes.grid(alpha=0.3)
+    save(figure, 'exposure.png')
 
 
 def _trajectory(bag: Bag, odometry: series.Odometry, world: Path | str | None,

@@ -41,6 +41,7 @@ _CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
     topics.LIDAR_POINTS.name: (lidar_cloud_problem,),
     topics.LIDAR_DESKEWED.name: (lidar_cloud_problem,),
     topics.LIDAR_SCAN.name: (laser_scan_problem,),
+    topics.EXPOSURE.name: (message_validity.exposure_problem,),
     topics.LEFT_INFO.name: (message_validity.camera_info_problem,),
     topics.RIGHT_INFO.name: (message_validity.camera_info_problem,),
     topics.DEPTH_INFO.name: (message_validity.camera_info_problem,),

@@ -21,11 +21,11 @@ from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.topics import DEPTH_FRAME, EVENT, FRAME, LATCHED, STATE, Topic
 
 # Velocity commands come at the pace of their publisher; recordings of earlier versions lack the
-# CameraInfo of the depth image; slam_node, lidar_node and mapping_node take part on
-# request.
+# CameraInfo of the depth image and the exposure; slam_node, lidar_node and mapping_node take part
+# on request.
 OPTIONAL = tuple(topic.name for topic in (
-    *MAY_BE_MISSING, topics.CMD_VEL, topics.DEPTH_INFO, topics.SLAM_STATUS, topics.LIDAR_SCANNED,
-    topics.TRAVERSABILITY))
+    *MAY_BE_MISSING, topics.CMD_VEL, topics.DEPTH_INFO, topics.EXPOSURE, topics.SLAM_STATUS,
+    topics.LIDAR_SCANNED, topics.TRAVERSABILITY))
 _MAX_BYTES = 1 << 20     # of world.yaml
 _VOLUME_M = 1e-5    # sum over all samples that rounding to float32 may leave
 

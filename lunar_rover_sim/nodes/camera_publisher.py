@@ -37,6 +37,7 @@ from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.rocks import Rocks
 
 _SENSED = ('left', 'right')
+EXPOSURE = 'exposure_s'     # beside the layers of a frame
 _NORMALS = ('normal', 'right_normal')
 _FULL_FLOW_PX, _FULL_FLOW_M = 32.0, 0.1     # whose colour is full; a choice, see `topics`
 _COLOURS: dict[str, Callable[[NDArray[np.float32]], NDArray[np.uint8]]] = {
@@ -215,6 +216,8 @@ class CameraPublisher:
                 self._send(name, conversions.pose_stamped(T_world_camera, frame_id, stamp))
             elif name == topics.BOXES.name:
                 self._send(name, self._boxes(layers, Header(stamp=stamp, frame_id=frame_id)))
+            elif name == topics.EXPOSURE.name:
+                self._send(name, image_conversions.exposure(layers[EXPOSURE], frame_id, stamp))
             elif name not in _DERIVED:
                 layer = output.layers[0]
                 self._send(name, image_conversions.image(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from builtin_interfaces.msg import Time
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2, PointField
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState, PointCloud2, PointField
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
@@ -49,6 +49,12 @@ def image(pixels: NDArray, frame_id: str, stamp: Time, encoding: str = '') -> Im
     msg.step = pixels.strides[0] if pixels.flags.c_contiguous else pixels[0].nbytes
     msg.data = pixels.tobytes()
     return msg
+
+
+def exposure(time_s: float, frame_id: str, stamp: Time) -> JointState:
+    """Return the exposure time of a pair [s]; no standard message has one, nor a number alone."""
+    return JointState(header=Header(stamp=stamp, frame_id=frame_id), name=['left', 'right'],
+                      position=[time_s, time_s])
 
 
 def compressed_image(description: str, data: bytes, frame_id: str,

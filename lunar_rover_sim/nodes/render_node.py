@@ -18,7 +18,8 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, node_main, qos
-from lunar_rover_sim.nodes.camera_publisher import CameraPublisher, LabelPublisher, Periods
+from lunar_rover_sim.nodes.camera_publisher import (CameraPublisher, EXPOSURE, LabelPublisher,
+                                                    Periods)
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
 from lunar_rover_sim.nodes.ground_listener import GroundListener
 from lunar_rover_sim.nodes.moving_sun import MovingSun
@@ -304,6 +305,8 @@ class RenderNode(node_main.GraphNode):
         frame, names, layers = begun
         drawn = self._renderer.finish()
         frame.layers.update((layer, drawn.layer(layer)) for layer in layers)
+        if 'left' in layers:
+            frame.layers[EXPOSURE] = drawn.exposure_s
         self._pair.publish(names, frame.layers, frame.state, frame.stamp_ns)
         frame.published.update(names)
         if frame is not self._counted:

@@ -24,7 +24,8 @@ from lunar_rover_sim.path_following.route import make_route
 from lunar_rover_sim.rover.rover_file import save_rover
 from lunar_rover_sim.run.node_config import (DEPTH_TOPICS, FRAME_TOPICS, LEG_CONTROLLERS, LIDAR,
                                              LIDAR_TOPICS, NODE_CONFIGS)
-from lunar_rover_sim.run.publication import period_of, recorded_beside_the_pair, recorded_periodic
+from lunar_rover_sim.run.publication import (is_recorded, period_of, recorded_beside_the_pair,
+                                             recorded_periodic)
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.run.shared_config import WaitConfig
 
@@ -136,10 +137,17 @@ def _following(scenario: Scenario) -> dict[str, Any]:
             name for name in LIDAR_TOPICS
             if (name in scenario.recorder_node.topics and 'recorder_node' in nodes)
             or name == _mapped(scenario))
+    excluded: list[str] = []
     if 'lidar_node' in nodes and not awaits_lidar and not _records_scans(scenario):
         # lidar_node follows the rover only while somebody reads one of its topics.
+        excluded.append(topics.LIDAR_SCANNED.name)
+    if not any(is_recorded(topic, scenario.recorder_node.topics, scenario.recorder_node.exclude)
+               for topic in topics.OF_IMAGES):
+        # Nobody exposes images for their times alone.
+        excluded.append(topics.EXPOSURE.name)
+    if excluded:
         values['recorder_node.exclude'] = tuple(dict.fromkeys(
-            (*scenario.recorder_node.exclude, topics.LIDAR_SCANNED.name)))
+            (*scenario.recorder_node.exclude, *excluded)))
     return values
 
 

@@ -11,11 +11,12 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from datetime import datetime, timezone
 import functools
+import math
 from pathlib import Path
 from typing import Any
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.messages import header_ns
+from lunar_rover_sim.bag.messages import exposure_s, header_ns
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.series import picture
 from lunar_rover_sim.errors import SequenceError
@@ -39,6 +40,7 @@ _OF_DEPTH_FRAMES = {topic.name for topic in topics.CONTRACT if topic.rate == top
 _IMAGE = 'sensor_msgs/msg/Image'
 _CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 README_FILE = 'README.txt'
+EXPOSURE_FILE = 'exposures.csv'
 _LATEST_EPOCH_NS = 9_000_000_000 * NS_PER_S     # with a drive of years it still is an int64
 _EVERY_DEPTH = ' (render_node.depth_every=1 records it with every image)'
 
@@ -123,6 +125,9 @@ def _stream(bag: Bag, sequence: Sequence, progress: Callable[[], None] | None) -
         group = _ImageSets(bag, functools.partial(sequence.further_images, camera), own, False)
         further.update(dict.fromkeys(own, group))
         names.update({bag.resolve(name): name for name in own})
+    exposures_s: dict[int, float] = {}      # by stamp [ns]
+    if bag.has(topics.EXPOSURE.name):
+        names[bag.resolve(topics.EXPOSURE.name)] = topics.EXPOSURE.name
     for message in bag.raw(names):
         if progress is not None:
             progress()
@@ -131,11 +136,20 @@ def _stream(bag: Bag, sequence: Sequence, progress: Callable[[], None] | None) -
         if name in images or name in further:
             (sets if name in images else further[name]).take(name, decoded)
             continue
-        sequence.data(name, header_ns(decoded), decoded)
+        if name == topics.EXPOSURE.name:
+            exposures_s[header_ns(decoded)] = exposure_s(decoded)
+        if name in wanted:
+            sequence.data(name, header_ns(decoded), decoded)
         if name == topics.IMU_RAW.name:
             sets.imu(header_ns(decoded))
-    return [*sets.finish(), *(note for group in dict.fromkeys(further.values())
-                              for note in group.lacking()),
+    notes = sets.finish()
+    if exposures_s:
+        sequence.line(EXPOSURE_FILE, '#timestamp [ns],exposure time [s]')
+        for stamp_ns in sets.written_ns:
+            time_s = exposures_s.get(stamp_ns, math.nan)    # real time may lose a message
+            sequence.line(EXPOSURE_FILE, f'{stamp_ns + sequence.epoch_ns},{time_s!r}')
+    return [*notes, *(note for group in dict.fromkeys(further.values())
+                      for note in group.lacking()),
             *sequence.notes(), *left_out(bag, sequence)]
 
 
@@ -153,7 +167,8 @@ class _ImageSets:
         self._first_imu_ns: int | None = None
         self._open: dict[int, dict[str, Any]] = {}
         self._held: list[tuple[int, dict[str, Any]]] = []
-        self._written = self._before = self._scanless = 0
+        self._before = self._scanless = 0
+        self.written_ns: list[int] = []     # stamps
         # Topics that were missing → sets that were left out without them.
         self._lacking: Counter[frozenset[str]] = Counter()
 
@@ -181,15 +196,15 @@ class _ImageSets:
 
     def _write(self, stamp_ns: int, entry: dict[str, Any]) -> None:
         self._take(stamp_ns, entry)
-        self._written += 1
+        self.written_ns.append(stamp_ns)
 
     def finish(self) -> list[str]:
-        if not self._written:
+        if not self.written_ns:
             after = ' after the first LiDAR scan' if self._scanless else ''
             raise SequenceError(f'{self._bag.path}: holds no complete set of '
                                 f'{", ".join(sorted(self._names))}{after}; there is nothing to '
                                 'export')
-        notes = [counted(self._written, 'image set')]
+        notes = [counted(len(self.written_ns), 'image set')]
         trimmed = self._before + len(self._held)
         if trimmed:
             notes.append(f'{counted(trimmed, "image set")} left out ({self._before} at the '

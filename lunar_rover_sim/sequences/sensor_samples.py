@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.message_validity import (laser_scan_problem, lidar_cloud_problem,
                                                   lidar_points)
+from lunar_rover_sim.bag.messages import exposure_s
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.seconds import NS_PER_S
@@ -23,18 +24,19 @@ from lunar_rover_sim.sensors.imu import Imu
 from lunar_rover_sim.sensors.registry import sensor_of, SENSORS
 from lunar_rover_sim.sensors.sensor import number
 
-# Topic → name in the JSON and before .npy.
+# Topic → name before .npy; and in the JSON.
 _ARRAYS = {topics.LIDAR_POINTS.name: 'lidar', topics.LIDAR_DESKEWED.name: 'lidar_deskewed',
            topics.LIDAR_SCAN.name: 'lidar_scan'}
+_NAMES = {**_ARRAYS, topics.EXPOSURE.name: 'exposure'}
 # A single sample of the IMU says little of the time between two images.
 _OF_SENSORS = tuple(topic for sensor in SENSORS if sensor is not Imu for topic in sensor.published)
-CARRIED = (*_ARRAYS, *(topic.name for topic in _OF_SENSORS))
+CARRIED = (*_NAMES, *(topic.name for topic in _OF_SENSORS))
 
 
 def carried(bag: Bag) -> tuple[str, ...]:
     """Return those of CARRIED that a bag has messages of, with the names of its legs."""
     of_sensors = topics.of_legs(_OF_SENSORS, topics.legs_of(bag.types))
-    return tuple(name for name in (*_ARRAYS, *(topic.name for topic in of_sensors))
+    return tuple(name for name in (*_NAMES, *(topic.name for topic in of_sensors))
                  if bag.count(name))
 
 
@@ -71,7 +73,7 @@ class SensorSamples:
                     arrays[f'{_ARRAYS[topic]}.npy'] = self._rows(topic, message)
             sensor = sensor_of(topic)
             if sensor is None:
-                values[_ARRAYS[topic]] = value
+                values[_NAMES[topic]] = value
             elif sensor.groups_as:
                 values.setdefault(sensor.groups_as, {})[topic.rpartition('/')[2]] = value
             else:
@@ -85,7 +87,7 @@ class SensorSamples:
     @staticmethod
     def _value(topic: str, message: Any) -> dict[str, Any]:
         sensor = sensor_of(topic)
-        return _LIDAR[topic](message) if sensor is None else sensor.read(topic, message)
+        return _OTHERS[topic](message) if sensor is None else sensor.read(topic, message)
 
 
 def _cloud(message: Any) -> dict[str, Any]:
@@ -99,9 +101,10 @@ def _scan(message: Any) -> dict[str, Any]:
             'time_increment_s': number(message.time_increment)}
 
 
-_LIDAR: dict[str, Callable[[Any], dict[str, Any]]] = {
+_OTHERS: dict[str, Callable[[Any], dict[str, Any]]] = {
     topics.LIDAR_POINTS.name: _cloud, topics.LIDAR_DESKEWED.name: _cloud,
-    topics.LIDAR_SCAN.name: _scan}
+    topics.LIDAR_SCAN.name: _scan,
+    topics.EXPOSURE.name: lambda message: {'time_s': exposure_s(message)}}
 
 
 KEPT_NS = NS_PER_S  # so long before its last message a topic is remembered

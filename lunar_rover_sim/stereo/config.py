@@ -46,6 +46,9 @@ class SgmConfig(Parameters):
     dark_level: int = param(20, 'rows above the first with a brighter pixel are sky and not '
                             'matched; 0 matches all rows', unit='of 255', low=0, high=255)
 
+    find_sky: bool = param(True, 'give no disparity to the sky, the sun and its ghosts in it: '
+                           'what is even up to the upper edge of the image')
+
     def validate(self) -> None:
         """Check what OpenCV demands."""
         if self.num_disparities % 16:

@@ -18,6 +18,7 @@ from lunar_rover_sim.errors import StereoError
 from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.stereo.depth import DisparityMap
 from lunar_rover_sim.stereo.refinement import refined, unexplained
+from lunar_rover_sim.stereo.sky import sky
 
 _MODES = {'sgbm': cv2.STEREO_SGBM_MODE_SGBM, 'hh': cv2.STEREO_SGBM_MODE_HH,
           'hh4': cv2.STEREO_SGBM_MODE_HH4, '3way': cv2.STEREO_SGBM_MODE_SGBM_3WAY}
@@ -94,6 +95,8 @@ class SgmMatcher:
         there = np.subtract(np.arange(left.shape[1], dtype=np.float32), found)
         valid &= cv2.inRange(there, float(margin), left.shape[1] - 1.0 - margin) > 0
         valid[:margin] = False
+        if config.find_sky:
+            valid &= ~sky(left, found, valid)
         least, most = config.min_disparity, config.min_disparity + config.num_disparities - 1
         # What the refinement has moved out of the search range by more than a pixel is no match.
         valid &= cv2.inRange(found, least - 1.0, most + 1.0) > 0

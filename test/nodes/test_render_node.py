@@ -18,7 +18,7 @@ from peer import at_rest_odometry, ended, Peer, running, SMALL_CAMERA  # noqa: E
 from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import QoSProfile  # noqa: E402
-from sensor_msgs.msg import CameraInfo, CompressedImage, PointCloud2  # noqa: E402
+from sensor_msgs.msg import CameraInfo, CompressedImage, JointState, PointCloud2  # noqa: E402
 from sensor_msgs.msg import Image  # noqa: E402
 from stereo_msgs.msg import DisparityImage  # noqa: E402
 from waiting import wait_until  # noqa: E402
@@ -304,8 +304,11 @@ def test_light_exposure_and_rates_change_while_it_runs(peer: Peer, world_folder:
         before = brightness()
         suns = peer.echo(Vector3Stamped, 'sun')
         peer.spin_until(lambda: len(suns) == 1)
+        exposures = peer.listen(JointState, 'stereo/exposure', 10)
         assert put(sensor__exposure_s=0.004) == [(True, '')]
         assert brightness() > 1.3 * before
+        peer.spin_until(lambda: bool(exposures) and exposures[-1].header == images[-1].header)
+        assert list(exposures[-1].position) == [0.004, 0.004]
         assert put(sensor__exposure_s=0.002) == [(True, '')]
         assert brightness() == pytest.approx(before, rel=0.1)
         assert put(sun__elevation_deg=40.0, frame_rate_hz=10) == [(True, ''), (True, '')]

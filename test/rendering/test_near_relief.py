@@ -1,5 +1,7 @@
 """Relief below the grid is shape near the cameras: one set of heights for depth and shadow."""
 
+import dataclasses
+
 import camera_scene as scene
 import cv2
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination import hapke
+from lunar_rover_sim.illumination.config import LampConfig
 from lunar_rover_sim.rendering.config import DetailConfig
 from lunar_rover_sim.rendering.relief_tiles import start_tiles
 from lunar_rover_sim.rendering.renderer import Renderer
@@ -169,3 +172,56 @@ def test_ground_hides_its_shadows_away_from_the_sun(views):
         assert some.sum() > 100
         assert -0.01 < dark[some].mean() - np.mean(~free[some]) < 0.04
         assert radiance[some].mean() / law[some].mean() == pytest.approx(1.0, abs=0.08)
+
+
+LAMP = LampConfig(power_w=20.0, position_m=(0.15, 0.08, 0.08), pitch_deg=0.0, cone_deg=60.0)
+NO_SUN = scene.SunConfig(irradiance=0.0)
+
+
+def under_the_lamp(shape_m):
+    """Return world points of near pixels of level ground, their radiance, and the lamp's place."""
+    detail = dataclasses.replace(DETAIL, relief_shape_m=shape_m)
+    config = scene.config(detail=detail, sun=NO_SUN, lamp=LAMP, camera=CameraConfig(640, 480))
+    with Renderer(scene.plane(257, far=False), scene.ROVER, config, 1) as renderer:
+        state = RoverPose(scene.pose(yaw_deg=180.0))
+        frame = renderer.render(state, 0, ('radiance', 'depth'))
+        T = state.T_world_base @ renderer.rig.T_base_left
+        points = frame.depth_m[..., None] * (renderer.rig.rays() @ T[:3, :3].T) + T[:3, 3]
+    lamp = state.T_world_base[:3, :3] @ np.array(LAMP.position_m) + state.T_world_base[:3, 3]
+    return points, frame.radiance, lamp
+
+
+@pytest.mark.parametrize('shape_m', [0.0, 2.5])
+def test_pebbles_cast_shadows_under_the_lamp(shape_m):
+    """Behind the highest pebbles, away from the lamp, it is dark as far as rays say, not before
+    them; rays to a lamp beside it say otherwise, and so do shadows of half the length."""
+    points, radiance, lamp = under_the_lamp(shape_m)
+    heights = Heights(1)
+    away = np.hypot(*(points[..., :2] - lamp[:2]).transpose(2, 0, 1))
+    near = np.nonzero((away > 0.6) & (away < 1.4) & np.isfinite(away))
+    place = points[near]
+    ground = heights(place[:, :2])
+    beside, higher = lamp + (0.0, 1.5, 0.0), lamp + (0.0, 0.0, 0.15)
+    said, turned, shorter = (free_of_relief(place[:, :2], ground, at, heights)
+                             for at in (lamp, beside, higher))
+    light = radiance[near] * away[near]**3       # about even on level ground
+    dark = light < 0.1 * np.median(light)
+    assert (~said).mean() > 0.01
+    hit = dark[~said].mean()
+    assert hit > 0.85 and dark[~turned].mean() < 0.5
+    assert dark[said].mean() < 0.08     # slopes that face away, and edges
+    # Under a lamp of twice the height shadows would be shorter: their ends are dark, too.
+    assert dark[shorter & ~said].mean() > 0.8
+
+
+def free_of_relief(xy, height, lamp, heights):
+    """Return which of (n, 2) places on the relief a ray from the lamp reaches."""
+    arm = lamp - np.column_stack([xy, height])
+    far = np.hypot(arm[:, 0], arm[:, 1])
+    free = np.ones(len(xy), bool)
+    for along in np.arange(0.004, 0.16, 0.001):
+        k = np.flatnonzero(free)
+        share = (along / far[k])[:, None]
+        ray = height[k] + share[:, 0] * arm[k, 2]
+        free[k] = ray > heights(xy[k] + share * arm[k, :2]) - 1e-3
+    return free

@@ -76,6 +76,9 @@ def test_messages_say_what_they_must(recorded_run: Path) -> None:
         assert left.p[3] == 0
         assert right.p[3] == pytest.approx(-focal_px * baseline_m)
         assert left.header.frame_id != right.header.frame_id
+        exposure = bag.first(topics.EXPOSURE.name)
+        assert exposure.name == ['left', 'right']
+        assert 1e-5 < exposure.position[0] == exposure.position[1] < 0.1
         disparity = bag.first(topics.DISPARITY.name)
         assert disparity.f == pytest.approx(focal_px)
         assert disparity.t == pytest.approx(baseline_m)

@@ -87,3 +87,47 @@ def test_the_narrowest_image_for_a_range():
         *[image[:, :17] for image in images])
     assert wide.valid_window == (15, 15, 0, 10)
     assert not wide.valid.any()
+
+
+def glaring(lamp_px=(70, 160), ghost_px=(95, 200), seed=3):
+    """Return a pair with noise, a sun with its halo and a ghost, alike in both, and what is sky.
+
+    The skyline is crooked; the ground has a disparity of 12 px.
+    """
+    rng = np.random.default_rng(seed)
+    left, right = (image.astype(float) for image in pair(0, height=240, contrast=90.0, seed=seed))
+    v, u = np.mgrid[:240, :320]
+    skyline = 110 + 6 * np.sin(u / 30.0) + 5 * (np.abs(u - 250) < 12)
+    sky = v < skyline
+    distance = np.hypot(v - lamp_px[0], u - lamp_px[1])
+    veil = 60.0 + 400.0 * np.exp(-distance / 16.0)
+    ghost = 25.0 * (np.hypot(v - ghost_px[0], u - ghost_px[1]) < 22)
+    images = []
+    for image in (left, right):
+        # The skyline is far away: it has no disparity.
+        lit = np.where(sky, 0.0, 40.0 + image) + veil + ghost
+        images.append(np.clip(lit + 0.8 * rng.standard_normal(lit.shape), 0, 255)
+                      .astype(np.uint8))
+    return (*images, sky)
+
+
+def test_sky_sun_and_ghost_have_no_disparity_and_the_ground_keeps_its_own():
+    """Blocks beside the skyline, the halo and the ghost have detail; without the search for the
+    sky they are matched."""
+    left, right, sky = glaring()
+    maps = [SgmMatcher(SgmConfig(num_disparities=64, find_sky=find)).match(left, right)
+            for find in (True, False)]
+    found, before = (m.valid for m in maps)
+    assert before[sky].mean() > 0.04 and found[sky].mean() < 0.005
+    below = ~sky & (np.arange(240)[:, None] > 125)
+    assert np.array_equal(found[below], before[below]) and found[below][::7].mean() > 0.5
+
+
+def test_shadow_below_lit_ground_is_not_sky():
+    """It is as even; what is matched at its edges stays."""
+    left, right = pair(20)
+    for image in (left, right):
+        image[80:120, 100:] = 0
+    maps = [SgmMatcher(SgmConfig(num_disparities=64, find_sky=find)).match(left, right)
+            for find in (True, False)]
+    assert np.array_equal(*(m.valid[30:] for m in maps))

@@ -3,6 +3,9 @@
 #include "ray.glsl"
 #include "relief.glsl"
 #include "relief_share.glsl"
+#ifdef LAMP_RELIEF
+#include "lamp_relief.glsl"
+#endif
 #ifdef TRACKS
 #include "tracks.glsl"
 #endif
@@ -130,6 +133,13 @@ void main() {
 #ifdef LAMP
     vec3 to_lamp;
     float lamp = lamp_irradiance(relative, up, to_lamp);
+#ifdef LAMP_RELIEF
+#ifdef TRACKS
+    lamp *= lamp_over_relief(xy, up, to_lamp, kept);
+#else
+    lamp *= lamp_over_relief(xy, up, to_lamp, 1.0);
+#endif
+#endif
     float lamp_radiance = lamp * hapke(dot(normal, to_lamp), mu, dot(to_lamp, view),
                                        scales.x, albedo, soil);
 #else
