@@ -20,7 +20,7 @@ from lunar_rover_sim.navigation.config import NavigatorConfig
 from lunar_rover_sim.navigation.planner import Disc, Plan, Planner
 from lunar_rover_sim.navigation.traversability import Traversability
 from lunar_rover_sim.path_following.config import DriveConfig
-from lunar_rover_sim.path_following.driver import PurePursuit
+from lunar_rover_sim.path_following.driver import PurePursuit, Steering
 from lunar_rover_sim.path_following.route import Route
 from lunar_rover_sim.seconds import NS_PER_S
 
@@ -36,6 +36,7 @@ _BUMP_AHEAD_M, _BUMP_RADIUS_M = 0.28, 0.10
 _SHADOW_RADIUS_M, _SHADOW_COST = 0.45, 3.0
 _AROUND_TURNS = 6           # of a sixth of a circle each, where no way is seen
 _METRES_PER_RADIAN = 0.3    # weight of turning, where motion is looked at
+_LOOKAHEAD_SHARES, _ARC_POINTS = (1.0, 0.5, 0.25), 9    # of the pursuit near obstacles
 _CHECK_NS = 100_000_000
 _NEARER_M = 0.3             # progress to the goal that counts
 _RECOVERED_M = 1.0          # nearer by this, earlier recoveries do not count any more
@@ -360,7 +361,7 @@ class Navigator:
             towards = first - position[:2]
             return self._begin_to_look(math.atan2(towards[1], towards[0]), first,
                                        f'{unknown_m:.2f} m of the way ahead are unknown')
-        steering = self._pursuit.update(position, heading)
+        steering = self._steering(planner, position, heading)
         if steering.done:
             if plan.off_goal_m > 0.0 and not self._has_looked_at(self._goals[0]):
                 towards = self._goals[0] - position[:2]
@@ -372,6 +373,17 @@ class Navigator:
             self._planned_ns = None
             return _still(FOLLOWING, 'plans on')
         return NavigatorCommand(steering.forward_mps, steering.yaw_rate_radps, FOLLOWING)
+
+    def _steering(self, planner: Planner, position: Array, heading: float) -> Steering:
+        """Return the steering with the longest lookahead that cuts no corner at an obstacle."""
+        assert self._pursuit is not None
+        for share in _LOOKAHEAD_SHARES:
+            ahead = share * self._config.lookahead_m
+            steering = self._pursuit.update(position, heading, ahead)
+            if steering.forward_mps <= 0.0 or planner.is_clear(
+                    _arc(position, heading, steering, ahead)):
+                break
+        return steering
 
     def _replan(self, position: Array, heading: float,
                 new_map: bool) -> NavigatorCommand | None:
@@ -425,6 +437,14 @@ class Navigator:
         return any(math.isfinite(disc.cost)
                    and math.hypot(disc.x_m - xy[0], disc.y_m - xy[1]) < 1.5 * disc.radius_m
                    for disc in self._discs)
+
+
+def _arc(position: Array, heading: float, steering: Steering, length_m: float) -> Array:
+    """Return points (n, 2) of the way that a steering leads."""
+    along = np.linspace(0.0, length_m, _ARC_POINTS)
+    angle = heading + 0.5 * along * steering.yaw_rate_radps / steering.forward_mps
+    # A chord of an arc points half its turn aside; it is nearly as long.
+    return position[:2] + along[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def _still(status: str, reason: str) -> NavigatorCommand:

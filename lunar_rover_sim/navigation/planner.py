@@ -78,7 +78,8 @@ class Planner:
                 cost[inside] += disc.cost
         free = (~self.lethal).astype(np.uint8)
         apart = cv2.distanceTransform(free, cv2.DIST_L2, 5) * np.float32(grid.cell_m)
-        room = half_width_m + config.margin_m
+        self._apart = apart
+        self._room = room = half_width_m + config.margin_m
         self.blocked = apart < room
         near = np.nonzero(apart < room + config.near_m)
         share = np.clip((room + config.near_m - apart[near]) / max(config.near_m, 1e-6), 0.0, 1.0)
@@ -141,6 +142,11 @@ class Planner:
         if np.any(cost < 0.0):
             return math.inf
         return float(np.sum(steps * cost) + np.linalg.norm(points_m[-1] - goal))
+
+    def is_clear(self, points_m: Array) -> bool:
+        """Return whether a way (n, 2) keeps its distance from obstacles, as its start does."""
+        apart = self._at(self._apart, points_m, np.inf)
+        return bool(apart.min() >= min(self._room, apart[0]))
 
     def unknown_along_m(self, points_m: Array, from_m: float, to_m: float) -> tuple[float, Array]:
         """Return how much of a part of a way is unknown [m], and where that begins (2,) [m]."""

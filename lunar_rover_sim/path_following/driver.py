@@ -56,9 +56,14 @@ class PurePursuit:
         """The route followed."""
         return self._route
 
-    def update(self, position_m: ArrayLike, heading_rad: float) -> Steering:
-        """Return the steering at a position ((2,) or (3,), odom [m]) and heading [rad]."""
+    def update(self, position_m: ArrayLike, heading_rad: float,
+               lookahead_m: float | None = None) -> Steering:
+        """Return the steering at a position ((2,) or (3,), odom [m]) and heading [rad].
+
+        lookahead_m: instead of that of the configuration
+        """
         config, route = self._config, self._route
+        ahead = config.lookahead_m if lookahead_m is None else lookahead_m
         position = np.asarray(position_m, dtype=float)[:2]
         window = self._along_m + max(2.0 * config.lookahead_m, 0.5)
         self._along_m, across = route.nearest(position, self._along_m, window)
@@ -66,7 +71,7 @@ class PurePursuit:
         left_m = route.length_m - self._along_m
         if left_m == 0.0 or max(left_m, goal) <= config.goal_tolerance_m:
             return Steering(0.0, 0.0, self._along_m, across, 0.0, True)
-        target = route.at(self._along_m + config.lookahead_m) - position
+        target = route.at(self._along_m + ahead) - position
         distance = max(float(np.linalg.norm(target)), 1e-6)
         error = math.atan2(target[1], target[0]) - heading_rad
         error = math.atan2(math.sin(error), math.cos(error))

@@ -108,6 +108,18 @@ def test_it_looks_where_it_does_not_know_and_then_goes_on():
     assert rover.drive().status == ARRIVED
 
 
+def test_it_cuts_no_corner_at_a_rock_that_it_sees_late():
+    """The plan winds around the rock; the straight line to the lookahead passes too near."""
+    rover = made(ground((-1.75, -1.6, -0.1, 0.1)))
+    rover.yaw = np.radians(30.0)
+    apart = []
+    while len(apart) < 1000 and rover.step().status != ARRIVED:
+        apart.append(np.hypot(max(-1.75 - rover.x, rover.x + 1.6, 0.0),
+                              max(abs(rover.y) - 0.1, 0.0)))
+    assert rover.commands[-1].status == ARRIVED
+    assert min(apart) > 0.163       # half its width, and the margin
+
+
 def test_a_goal_that_is_enclosed_is_given_up_after_a_look_around():
     box = [(1.0, 3.0, -1.0, -0.8), (1.0, 3.0, 0.8, 1.0), (1.0, 1.2, -1.0, 1.0),
            (2.8, 3.0, -1.0, 1.0)]
