@@ -8,10 +8,11 @@ import re
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.navigation.config import TRUTH, WHEELS
+from lunar_rover_sim.navigation.config import SLAM, TRUTH, WHEELS
 from lunar_rover_sim.run.scenario import scenario_names
 from lunar_rover_sim.studies import navigation
 from lunar_rover_sim.studies.navigation_drives import DRIVERS
+from lunar_rover_sim.studies.navigation_poses import REFERENCE
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,9 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--drivers', nargs='+', choices=DRIVERS, default=list(DRIVERS),
                         help='who drives (default: all)')
     parser.add_argument('--poses', nargs='+', default=[TRUTH], metavar='POSE',
-                        help='by which pose the rover that sees maps and drives: truth, wheels, or'
-                             ' drift=SHARE, the truth that walks off by so much of the way'
-                             ' (default: truth)')
+                        help='by which pose the rover that sees maps and drives: truth; wheels;'
+                             ' drift=SHARE, the truth that walks off by so much of the way;'
+                             ' reference, the built-in odometry; or slam, the program of'
+                             ' slam_node.command; the last two see rendered images (default:'
+                             ' truth)')
     options.add_workers(parser, 'processes that share the drives', None)
     options.add_folder(parser, 'folder to write to', 'navigation')
     parser.add_argument('--resume', action='store_true',
@@ -49,9 +52,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Drive and write the report."""
     for pose in args.poses:
-        if pose not in (TRUTH, WHEELS) and not re.fullmatch(r'drift=0?\.\d+', pose):
+        if pose not in (TRUTH, WHEELS, REFERENCE, SLAM) \
+                and not re.fullmatch(r'drift=0?\.\d+', pose):
             raise ConfigError(f'--poses: {pose!r} is not valid; valid are truth, wheels, '
-                              'drift=SHARE, for example drift=0.02')
+                              'reference, slam, drift=SHARE, for example drift=0.02')
     settings = (f'{args.distance:g} m, {args.limit:g} s\n' + '\n'.join(args.overrides) + '\n')
     store = navigation.DriveStore(args.output, settings, args.resume)
     todo = navigation.cases(args.scenarios, args.sun, args.drivers, args.poses,

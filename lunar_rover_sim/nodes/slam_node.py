@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from functools import reduce
 from pathlib import Path
-import shlex
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -21,7 +19,6 @@ from lunar_rover_sim.bag.message_validity import image_problem, pixels
 from lunar_rover_sim.bag.messages import header_ns, time_ns, xyz
 from lunar_rover_sim.camera.encoding import eight_bits, ENCODINGS
 from lunar_rover_sim.errors import ConfigError, GraphError
-from lunar_rover_sim.files.paths import program_path
 from lunar_rover_sim.frames import matrix_from_wxyz, se3
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, OK, SubjectStatus, WARN
@@ -30,10 +27,9 @@ from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import SlamNodeConfig
-from lunar_rover_sim.sequences.orbslam3_settings import settings
-from lunar_rover_sim.sequences.sensors import described_sensors, SensorSuite
+from lunar_rover_sim.sequences.sensors import described_sensors
 from lunar_rover_sim.slam import protocol
-from lunar_rover_sim.slam.program import SlamProgram, WHEEL_PROGRAM
+from lunar_rover_sim.slam.program import command_words, program_settings, SlamProgram
 from lunar_rover_sim.slam.protocol import FrameSet
 from lunar_rover_sim.stereo.points import grey
 
@@ -57,9 +53,6 @@ class SlamNode(node_main.GraphNode):
     def __init__(self) -> None:
         super().__init__('slam_node')
         self._config = config = declare(self, SlamNodeConfig)
-        if not config.command:
-            raise ConfigError("command: '' is not valid; valid is a program that speaks the "
-                              'protocol, and its arguments')
         self._sides = [topics.LEFT_IMAGE, *([topics.RIGHT_IMAGE] if config.is_stereo else [])]
         self._jump = TimeJump(self)
         self._open: dict[int, dict[str, Any]] = {}      # stamp → side → pixels
@@ -77,8 +70,10 @@ class SlamNode(node_main.GraphNode):
                 ' from the IMU unless it is built with the other value')
         suite = described_sensors(load_rover(config.rover or None), config.camera, config.imu,
                                   config.frame_rate_hz, config.imu_rate_hz, config.gravity_mps2)
-        self._program = SlamProgram(self._words(suite), description(suite, config),
-                                    config.ready_s, config.answer_s, self._wake_later)
+        self._program = SlamProgram(
+            command_words(config.command, suite, config.sensor, Path(self._folder.name)),
+            program_settings(suite, config.sensor, config.lockstep), config.ready_s,
+            config.answer_s, self._wake_later)
         # The publisher of the status is made when the program is ready: time waits for it.
         self._status: Publisher | None = None
         self._matching: ReaderDiscovery | None = None
@@ -108,24 +103,6 @@ class SlamNode(node_main.GraphNode):
         self.get_logger().info(f'{sum(self._frames)} frames answered: {counts}; '
                                f'{self._drops.total} left out; latency '
                                f'{_median_ms(self._latencies_s)} ms in the median')
-
-    def _words(self, suite: SensorSuite) -> list[str]:
-        """Return the command.
-
-        {settings} is the settings file of ORB-SLAM3, written here, {wheel} the packaged program
-        for a Python that has ORB-SLAM3 as a wheel.
-        """
-        path = Path(self._folder.name) / 'settings.yaml'
-        path.write_text(settings(suite, self._config.sensor), encoding='ascii')
-        try:
-            words = shlex.split(self._config.command)
-        except ValueError as error:
-            raise ConfigError(f'command: {self._config.command!r} is not valid: {error}') from None
-        fields = {'{settings}': str(path)}
-        if '{wheel}' in self._config.command:
-            fields['{wheel}'] = str(program_path(WHEEL_PROGRAM))
-        return [reduce(lambda text, field: text.replace(*field), fields.items(), word)
-                for word in words]
 
     def _wake_later(self) -> None:
         if self.executor is not None:
@@ -226,21 +203,6 @@ class SlamNode(node_main.GraphNode):
 
 def _median_ms(latencies_s: Sequence[float]) -> str:
     return f'{1e3 * float(np.median(latencies_s)):.1f}' if latencies_s else 'nan'
-
-
-def description(suite: SensorSuite, config: SlamNodeConfig) -> dict[str, Any]:
-    """Return the settings that the program gets, see docs/reference/slam_protocol.md."""
-    (fx, fy), (cx, cy), noise = suite.focal_px, suite.centre_px, suite.noise
-    return {'sensor': config.sensor, 'lockstep': config.lockstep, 'width': suite.width,
-            'height': suite.height, 'fx': fx, 'fy': fy, 'cx': cx, 'cy': cy,
-            'distortion': list(suite.distortion), 'baseline_m': suite.baseline_m,
-            'gravity_mps2': config.gravity_mps2,
-            'frame_rate_hz': suite.frame_rate_hz, 'imu_rate_hz': suite.imu_rate_hz,
-            'T_imu_left': suite.T_imu_left.tolist(),
-            'gyro_noise_density': noise.gyro_noise_density,
-            'accel_noise_density': noise.accel_noise_density,
-            'gyro_bias_random_walk': noise.gyro_bias_random_walk,
-            'accel_bias_random_walk': noise.accel_bias_random_walk}
 
 
 def main(args: list[str] | None = None) -> int:

@@ -5,14 +5,20 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import reduce
+from pathlib import Path
 import queue
+import shlex
 import subprocess
 import threading
 import time
 from typing import Any
 
-from lunar_rover_sim.errors import SlamError
+from lunar_rover_sim.errors import ConfigError, SlamError
+from lunar_rover_sim.files.paths import program_path
 from lunar_rover_sim.run.child_process import dies_with_parent, end_group, executable, signal_name
+from lunar_rover_sim.sequences.orbslam3_settings import settings
+from lunar_rover_sim.sequences.sensors import SensorSuite
 from lunar_rover_sim.slam import protocol
 from lunar_rover_sim.slam.protocol import FrameSet, TrackedPose
 
@@ -149,3 +155,47 @@ class SlamProgram:
         self._answers.append((pose, time.monotonic() - self._under_way[1]))
         self._answered_ns = pose.stamp_ns
         self._under_way = None
+
+
+def command_words(command: str, suite: SensorSuite, sensor: str, folder: Path) -> list[str]:
+    """Return a program and its arguments.
+
+    Args:
+        command: {settings} is the settings file of ORB-SLAM3, written here, {wheel} the packaged
+            program for a Python that has ORB-SLAM3 as a wheel.
+        suite: The sensors.
+        sensor: mono, stereo or stereo-inertial.
+        folder: Gets the settings file.
+
+    Raises:
+        ConfigError: If the command is empty or no line of a shell.
+    """
+    if not command.strip():
+        raise ConfigError("command: '' is not valid; valid is a program that speaks the "
+                          'protocol, and its arguments')
+    path = folder / 'settings.yaml'
+    path.write_text(settings(suite, sensor), encoding='ascii')
+    try:
+        words = shlex.split(command)
+    except ValueError as error:
+        raise ConfigError(f'command: {command!r} is not valid: {error}') from None
+    fields = {'{settings}': str(path)}
+    if '{wheel}' in command:
+        fields['{wheel}'] = str(program_path(WHEEL_PROGRAM))
+    return [reduce(lambda text, field: text.replace(*field), fields.items(), word)
+            for word in words]
+
+
+def program_settings(suite: SensorSuite, sensor: str, lockstep: bool) -> dict[str, Any]:
+    """Return the settings that a program gets, see docs/reference/slam_protocol.md."""
+    (fx, fy), (cx, cy), noise = suite.focal_px, suite.centre_px, suite.noise
+    return {'sensor': sensor, 'lockstep': lockstep, 'width': suite.width,
+            'height': suite.height, 'fx': fx, 'fy': fy, 'cx': cx, 'cy': cy,
+            'distortion': list(suite.distortion), 'baseline_m': suite.baseline_m,
+            'gravity_mps2': suite.gravity_mps2,
+            'frame_rate_hz': suite.frame_rate_hz, 'imu_rate_hz': suite.imu_rate_hz,
+            'T_imu_left': suite.T_imu_left.tolist(),
+            'gyro_noise_density': noise.gyro_noise_density,
+            'accel_noise_density': noise.accel_noise_density,
+            'gyro_bias_random_walk': noise.gyro_bias_random_walk,
+            'accel_bias_random_walk': noise.accel_bias_random_walk}

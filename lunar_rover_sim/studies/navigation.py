@@ -24,7 +24,7 @@ from lunar_rover_sim.navigation.planner import Planner
 from lunar_rover_sim.navigation.traversability import Limits, traversability
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies.navigation_drives import (BLIND, drive_to, GoalDrive, KNOWN, SEEN,
-                                                       TIPPED)
+                                                       start_of, TIPPED)
 from lunar_rover_sim.studies.parallel import map_in_processes
 from lunar_rover_sim.studies.study_folder import StudyFolder
 from lunar_rover_sim.world.model import World
@@ -64,24 +64,29 @@ def cases(scenarios: Sequence[str], suns_deg: Sequence[float], drivers: Sequence
 
 
 def goal_of(scenario: Scenario, world: World, distance_m: float) -> tuple[float, float]:
-    """Return the goal on the world of a scenario: in a random direction, where a plan leads.
+    """Return the goal on the world of a scenario.
+
+    It is the scenario's own, or in a random direction from the start, where a plan leads.
 
     Raises:
         StudyError: If the world is too small, or none is found.
     """
+    node, (x, y) = scenario.navigator_node, start_of(scenario)
+    if node.has_goal:
+        return node.goal_x_m, node.goal_y_m
     if distance_m > world.ground.half_extent_m - _MARGIN_M:
         raise StudyError(f'--distance: {distance_m:g} is not valid; valid is <= '
                          f'{world.ground.half_extent_m - _MARGIN_M:g} m on this world')
     limits = Limits.of(scenario.rover, scenario.mapping_node.limits)
     elevation = TrueSurface(world).elevation(
-        (0.0, 0.0), 2.0 * math.ceil(distance_m + _MARGIN_M - 1.0),
+        (x, y), 2.0 * math.ceil(distance_m + _MARGIN_M - 1.0),
         scenario.mapping_node.map.cell_m, samples=1)
-    planner = Planner(traversability(elevation, limits), scenario.navigator_node.plan,
-                      limits.half_width_m, (0.0, 0.0))
+    planner = Planner(traversability(elevation, limits), node.plan, limits.half_width_m, (x, y))
     rng = np.random.default_rng([scenario.shared.seed, 48])
     for _ in range(_TRIALS):
         angle = rng.uniform(-math.pi, math.pi)
-        goal = (round(distance_m * math.cos(angle), 2), round(distance_m * math.sin(angle), 2))
+        goal = (round(x + distance_m * math.cos(angle), 2),
+                round(y + distance_m * math.sin(angle), 2))
         plan = planner.plan(goal)
         if plan is not None and plan.reaches_goal:
             return goal

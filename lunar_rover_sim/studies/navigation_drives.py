@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from contextlib import ExitStack
 import dataclasses
 import math
 
@@ -17,11 +18,10 @@ import numpy as np
 from lunar_rover_sim.errors import PhysicsError
 from lunar_rover_sim.evaluation.true_surface import TrueSurface
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, path_length, se3, wxyz_from_matrix
-from lunar_rover_sim.navigation.config import MapConfig, TRUTH, WHEELS
+from lunar_rover_sim.navigation.config import MapConfig, TRUTH
 from lunar_rover_sim.navigation.elevation_map import ElevationMap
 from lunar_rover_sim.navigation.navigator import ARRIVED, FAILED, Navigator, TILT
 from lunar_rover_sim.navigation.planner import Planner
-from lunar_rover_sim.navigation.poses import LevelledWheels
 from lunar_rover_sim.navigation.traversability import (belly_clearance_m, Limits, traversability,
                                                        Traversability)
 from lunar_rover_sim.path_following.driver import DONE, Driver, STOPPED
@@ -30,9 +30,8 @@ from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.physics.tip_over import TipOver
 from lunar_rover_sim.rover.mjcf import CHASSIS_GEOM
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.sensors.imu import ImuNoise
-from lunar_rover_sim.sensors.wheel_odometry import Rolling, WheelOdometry
 from lunar_rover_sim.stereo.seen_depth import SeenDepth
+from lunar_rover_sim.studies.navigation_poses import poses_of
 from lunar_rover_sim.studies.walking import STATE_PERIOD_S
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
@@ -56,7 +55,7 @@ class GoalDrive:
 
     Attributes:
         driver: seen, known or blind.
-        pose: truth, wheels or drift=SHARE.
+        pose: As `navigation_poses.poses_of`.
         outcome: arrived, arrived elsewhere, tipped over, time over, or why it gave up.
         time_s: Of the drive.
         way_m: Driven.
@@ -92,56 +91,6 @@ class GoalDrive:
     def arrived(self) -> bool:
         """Whether it is at the true goal."""
         return self.outcome == ARRIVED
-
-
-class Estimate:
-    """The pose by which a rover drives, from states of the simulation.
-
-    Args:
-        pose: truth; wheels, with pitch and roll of the IMU; or drift=SHARE, the truth with a
-            position that walks off by that share of the way (one standard deviation after a
-            metre), and a heading that walks off with it by a radian per metre of error.
-    """
-
-    def __init__(self, pose: str, scenario: Scenario, start: RoverState, seed: int) -> None:
-        self._pose = pose
-        self._share = float(pose.partition('=')[2]) if pose.startswith('drift=') else 0.0
-        self._rng = np.random.default_rng([seed, 47])
-        self._off, self._before = np.eye(4), start.T_world_base
-        self._start = start.T_world_base
-        physics = scenario.physics_node
-        self._wheels = WheelOdometry(scenario.rover, physics.wheel_odometry.counts_per_turn,
-                                     Rolling.of(physics.wheel_odometry, physics.ground.name))
-        self._levelled = LevelledWheels()
-        self._imu = ImuNoise(physics.imu, 1.0 / STATE_PERIOD_S, self._rng)
-
-    def add(self, state: RoverState) -> None:
-        """Take in the next state."""
-        if self._pose == WHEELS:
-            sample = self._imu.measure(state.specific_force_mps2, state.imu_rate_radps)
-            self._levelled.add_imu(state.stamp_ns, sample.rate, sample.specific_force)
-            self._wheels.add(state.joint_angle_rad, STATE_PERIOD_S)
-        elif self._share:
-            T = state.T_world_base
-            way = math.sqrt(float(np.linalg.norm(T[:3, 3] - self._before[:3, 3])))
-            yaw = self._share * way * self._rng.standard_normal()
-            c, s = math.cos(yaw), math.sin(yaw)
-            turn = np.eye(4)
-            turn[:2, :2] = [[c, -s], [s, c]]
-            turn[:2, 3] = self._share * way * self._rng.standard_normal(2)
-            # About the present place.
-            about = np.eye(4)
-            about[:3, 3] = T[:3, 3]
-            back = np.eye(4)
-            back[:3, 3] = -T[:3, 3]
-            self._off = self._off @ about @ turn @ back
-            self._before = T
-
-    def T_world_base(self, state: RoverState) -> Array:
-        """Return the estimated pose (4, 4) at the newest state."""
-        if self._pose == WHEELS:
-            return self._levelled.base(self._wheels.pose, self._start)
-        return self._off @ state.T_world_base
 
 
 class BellyContacts:
@@ -188,11 +137,18 @@ class BellyContacts:
         return time_s - last > _CLOSE_S
 
 
+def start_of(scenario: Scenario) -> tuple[float, float]:
+    """Return where the rover of a scenario starts, x and y [m]."""
+    start = scenario.physics_node.start
+    return start.x_m, start.y_m
+
+
 def true_costs(scenario: Scenario, world: World, goal_m: tuple[float, float]) -> Traversability:
     """Return what the rover can cross of the true map around start and goal."""
-    size = float(np.abs(goal_m).max()) + 2.0 * _KNOWN_MARGIN_M
+    start = start_of(scenario)
+    size = float(np.abs(np.subtract(goal_m, start)).max()) + 2.0 * _KNOWN_MARGIN_M
     size = min(2.0 * world.ground.half_extent_m, 2.0 * math.ceil(0.5 * size))
-    elevation = TrueSurface(world).elevation(0.5 * np.array(goal_m), size,
+    elevation = TrueSurface(world).elevation(0.5 * np.add(start, goal_m), size,
                                              scenario.mapping_node.map.cell_m)
     return traversability(elevation, Limits.of(scenario.rover, scenario.mapping_node.limits))
 
@@ -205,7 +161,7 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
 
     Args:
         driver: seen, known or blind: a straight route that avoids nothing.
-        pose: As `Estimate`.
+        pose: As `navigation_poses.poses_of`.
         limit_s: Simulated time after which the drive ends.
         seed: Of the noise; None: that of the scenario.
         watch: Called with state, map and navigator of each command.
@@ -216,12 +172,14 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
                               goal_y_m=goal_m[1], waypoints_x_m=(), waypoints_y_m=())
     truth = true_costs(scenario, world, goal_m)
     truth = dataclasses.replace(truth, stamp_ns=round(limit_s * 1e9))   # it never grows old
-    shortest = Planner(truth, nav.plan, limits.half_width_m, (0.0, 0.0)).plan(goal_m)
-    with Simulation(world, scenario.rover, scenario.physics_node) as simulation:
+    shortest = Planner(truth, nav.plan, limits.half_width_m, start_of(scenario)).plan(goal_m)
+    with ExitStack() as owned:
+        simulation = owned.enter_context(
+            Simulation(world, scenario.rover, scenario.physics_node))
         controller = scenario.gait_controller()
         steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
         state = simulation.state
-        estimate = Estimate(pose, scenario, state, noise_seed)
+        poses = owned.enter_context(poses_of(pose, scenario, world, simulation, noise_seed))
         belly = BellyContacts(simulation, world.ground, belly_clearance_m(scenario.rover))
         tip, motor = TipOver(), scenario.rover.motor
         navigator = Navigator(nav, limits.half_width_m, world.ground.half_extent_m)
@@ -231,11 +189,10 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
             waypoints_x_m=(goal_m[0],), waypoints_y_m=(goal_m[1],),
             goal_tolerance_m=nav.goal_tolerance_m), world.ground.half_extent_m)
         outcome, path, energy, tilt, backed_off, velocity = TIME_OVER, [], 0.0, 0.0, 0, (0.0, 0.0)
-        T = estimate.T_world_base(state)
         try:
             for k in range(round(limit_s / STATE_PERIOD_S)):
                 if k % _COMMAND_PERIODS == 0:
-                    T = estimate.T_world_base(state)
+                    pose_ns, T = poses.newest(state.stamp_ns) or (None, np.eye(4))
                     quaternion, position = wxyz_from_matrix(T[:3, :3]), T[:3, 3]
                     grid: Traversability | None = None
                     if driver == BLIND:
@@ -245,8 +202,9 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
                             outcome = ARRIVED if told.status == DONE else told.reason.split()[0]
                             break
                     else:
-                        grid = truth if eyes is None else eyes.grid(state, T)
-                        command = navigator.update(state.stamp_ns, state.stamp_ns, position,
+                        grid = truth if eyes is None else \
+                            eyes.grid(state, poses.present(state))
+                        command = navigator.update(state.stamp_ns, pose_ns, position,
                                                    quaternion, grid)
                         velocity = command.forward_mps, command.yaw_rate_radps
                         backed_off += sum(n.startswith('backs off') for n in navigator.notes)
@@ -263,7 +221,7 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
                                          state.joint_velocity_radps)
                 simulation.command(legs.velocity_radps)
                 state = simulation.advance(steps)
-                estimate.add(state)
+                poses.add(state)
                 belly.add(state.stamp_ns * 1e-9)
                 energy += STATE_PERIOD_S * sum(
                     max(motor.electric_power_w(torque, speed), 0.0) for torque, speed in
@@ -283,7 +241,7 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
             scenario.shared.seed, driver, pose, goal_m, outcome, state.stamp_ns * 1e-9,
             path_length(np.array(path)) if len(path) > 1 else 0.0,
             shortest.length_m if shortest is not None and shortest.reaches_goal else math.nan,
-            off, float(np.linalg.norm(T[:2, 3] - state.position_m[:2])), belly.count, belly.high,
+            off, poses.error_m, belly.count, belly.high,
             backed_off, energy, tilt, np.array(path).reshape(-1, 2))
 
 
@@ -304,10 +262,10 @@ class Eyes:
         self._newest: Traversability | None = None
         self._next_ns = 0
 
-    def grid(self, state: RoverState, T_estimate: Array) -> Traversability | None:
-        """Look if it is time to; return the newest map that has arrived."""
+    def grid(self, state: RoverState, T_estimate: Array | None) -> Traversability | None:
+        """Look if it is time to and a pose is known; return the newest map that has arrived."""
         now = state.stamp_ns
-        if now >= self._next_ns:
+        if now >= self._next_ns and T_estimate is not None:
             self._next_ns += round(1e9 / DEPTH_HZ)
             depth = self._seen.look(se3(matrix_from_wxyz(state.orientation_wxyz),
                                         state.position_m), self._config.max_range_m)
