@@ -9,7 +9,7 @@ from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.navigation.config import SLAM, TRUTH, WHEELS
-from lunar_rover_sim.run.scenario import scenario_names
+from lunar_rover_sim.run.scenario import Scenario, scenario_names
 from lunar_rover_sim.studies import navigation
 from lunar_rover_sim.studies.navigation_drives import DRIVERS
 from lunar_rover_sim.studies.navigation_poses import REFERENCE
@@ -56,6 +56,10 @@ def run(args: argparse.Namespace) -> int:
                 and not re.fullmatch(r'drift=0?\.\d+', pose):
             raise ConfigError(f'--poses: {pose!r} is not valid; valid are truth, wheels, '
                               'reference, slam, drift=SHARE, for example drift=0.02')
+    if SLAM in args.poses and not Scenario.load(
+            args.scenarios[0], args.overrides).slam_node.command:
+        raise ConfigError('--poses slam: needs the program, --set slam_node.command="PROGRAM '
+                          'ARGUMENTS"')
     settings = (f'{args.distance:g} m, {args.limit:g} s\n' + '\n'.join(args.overrides) + '\n')
     store = navigation.DriveStore(args.output, settings, args.resume)
     todo = navigation.cases(args.scenarios, args.sun, args.drivers, args.poses,

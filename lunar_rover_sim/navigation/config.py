@@ -28,6 +28,10 @@ class MapConfig(Parameters):
         0.6, 'depth of a surface that falls away from the camera by more than this share of the '
         'line of sight is not used: what a matcher sees there is mostly the edge before it; 1: '
         'all is used', low=0.05, high=1.0)
+    hole_px: float = param(
+        2.0, 'depth this near to a pixel without any is not used: blocks of a matcher that lie '
+        'partly in a shadow, or behind an edge, carry the depth of one side to the other; of an '
+        'image of 640 px, in proportion of others', unit='px', low=0.0, high=20.0)
     height_stddev_m: float = param(0.005, 'error of a height in a frame, however near', unit='m',
                                    low=1e-4, high=0.5)
     least_hits: int = param(2, 'frames that must have seen a cell before it is known', low=1,

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -106,7 +107,7 @@ class ElevationMap:
         noise = self.config.disparity_stddev_px / (K[0, 0] * baseline_m) if baseline_m else 0.0
         assert self._corner is not None
         self._sums[:] = 0.0
-        _scatter_depth(np.ascontiguousarray(depth_m), u, v, T, self._corner, self.config.cell_m,
+        _scatter_depth(_without_edges(depth_m, int(self.config.hole_px * w / 640)), u, v, T, self._corner, self.config.cell_m,
                        self.config.min_range_m, self.config.max_range_m, noise,
                        self.config.range_stddev_m, self.config.height_stddev_m,
                        self.config.grazing, self._sums)
@@ -202,6 +203,15 @@ class ElevationMap:
             fitted = np.linalg.solve((A * weight[:, None]).T @ A + np.diag(prior),
                                      A.T @ (weight * off))
         mean[seen] -= design @ fitted
+
+
+def _without_edges(depth_m: F32, margin_px: int) -> F32:
+    """Return a depth without what is so near to a pixel without depth."""
+    if margin_px == 0:
+        return np.ascontiguousarray(depth_m)
+    side = 2 * margin_px + 1
+    beside = cv2.dilate((~np.isfinite(depth_m)).astype(np.uint8), np.ones((side, side), np.uint8))
+    return np.where(beside, np.float32(np.nan), depth_m)
 
 
 def _checked_pose(name: str, pose: ArrayLike) -> Array:

@@ -1,5 +1,7 @@
 """The rolling map: planes stay planes, whatever the pitch; wrong matches stay out."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -120,6 +122,20 @@ def test_a_pose_that_jumps_begins_the_map_anew():
     assert not np.isfinite(mapped.elevation().height_m).any()       # one frame only
     # So does time that goes back.
     assert look(mapped, camera(x=1.2), 0)
+
+
+@pytest.mark.parametrize('hole_px, clean', [(8.0, True), (4.0, False), (0.0, False)])
+def test_depth_beside_a_hole_of_the_matcher_is_not_used(hole_px, clean):
+    """Around a shadow without depth two pixels, of 160, have the depth of its near side."""
+    depth = seen(camera())
+    depth[70:90, 60:100] = depth[90, 80]
+    depth[72:88, 62:98] = np.nan
+    mapped = ElevationMap(dataclasses.replace(TRUSTED, hole_px=hole_px))
+    for k in range(3):
+        mapped.add_depth(k * 10**8, depth, K, BASELINE_M, camera(), camera()[:3, 3])
+    height = mapped.elevation().height_m
+    assert np.count_nonzero(np.isfinite(height)) > 500
+    assert (np.nanmax(np.abs(height)) < 3e-3) == clean
 
 
 def test_points_of_a_lidar_give_the_same_map():

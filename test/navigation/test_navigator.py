@@ -198,6 +198,30 @@ def test_without_maps_it_waits_and_gives_up():
     assert command.failure == 'lost' and 'no map' in command.reason
 
 
+def test_maps_that_stop_for_more_than_five_seconds_stop_the_rover_until_they_come_again():
+    rover = made(ground())
+    for _ in range(50):
+        rover.step()
+    old = Traversability(rover.now_ns, np.array([-4.0, -4.0]), CELL, rover.cost)
+    said = [rover.step(grid=old) for _ in range(80)]
+    moved = [command.forward_mps > 0.0 for command in said]
+    assert all(moved[:50]) and not any(moved[51:])
+    assert said[-1].status == WAITING and said[-1].reason.startswith('no map for ')
+    assert rover.drive().status == ARRIVED
+
+
+def test_a_pose_that_jumps_by_a_metre_is_driven_on_from():
+    """As by a SLAM program that closes a loop: what counts is the goal by the new pose."""
+    rover = made(ground((0.5, 0.7, -0.5, 0.5)))
+    for _ in range(100):
+        rover.step()
+    rover.y += 1.0
+    rover.step()
+    assert rover.commands[-1].status != FAILED
+    assert rover.drive().status == ARRIVED
+    assert np.hypot(rover.x - 2.0, rover.y) <= 0.2
+
+
 @pytest.mark.parametrize('goal', [(np.nan, 0.0), (30.0, 0.0), (0.0, -25.0), (1.0,), 'there'])
 def test_goals_that_are_none_are_refused_and_the_old_one_stays(goal):
     rover = made(ground())
