@@ -27,7 +27,6 @@ from lunar_rover_sim.world.model import World
 
 _MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
 _RELAXED = 1.5            # length of a step over the relief, over what its bounds of slopes allow
-_LAMP_REACH_M = 2.5       # distance up to which relief casts shadows under the lamp
 _MESH_TRACKS = 0.85       # reach of the mesh of tracks, over that of the mesh at full resolution
 
 
@@ -152,10 +151,6 @@ class GroundPass:
         reach = 0.0 if surface.tiles.flat else detail.relief_shape_m
         self._relief = (ReliefMap(context, surface, self._levels[0], reach) if reach > 0.0
                         else None)
-        # What casts shadows under the lamp, with shape or without.
-        self._cast = self._relief
-        if lamp and self._cast is None and not surface.tiles.flat:
-            self._cast = ReliefMap(context, surface, self._levels[0], _LAMP_REACH_M)
         self._load(_KINDS)
         self._tracks: TrackPass | None = None
 
@@ -177,7 +172,9 @@ class GroundPass:
                 program = load_program(self._context, 'screen', 'surface', **relief,
                                        **kind.defines)
             else:
-                lamp = {'LAMP': 1, **({'LAMP_RELIEF': 1} if self._cast is not None else {})}
+                # Painted relief casts no shadow under the lamp: the camera beside it would see
+                # dark places where it should see the lit faces before them.
+                lamp = {'LAMP': 1, **({'LAMP_RELIEF': 1} if self._relief is not None else {})}
                 light = {**(lamp if self._lamp else {}),
                          **({'SMOOTH': 1} if self._detail.smooth_outlines else {})}
                 program = load_program(self._context, 'screen', 'ground',
@@ -217,8 +214,8 @@ class GroundPass:
 
     def update(self, volume: ViewVolume) -> None:
         """Bring the shape of the relief below the grid up to date for a view."""
-        if self._cast is not None:
-            self._cast.update(volume)
+        if self._relief is not None:
+            self._relief.update(volume)
 
     def draw_depth(self, chosen: Chosen) -> None:
         """Draw the depth of the chosen meshes into the framebuffer in use."""
@@ -313,9 +310,8 @@ class GroundPass:
         program = self._programs[kind]
         if not kind.surface:
             self._surface.bind(program)
-            if self._cast is not None and self._lamp:
-                self._cast.bind(program)
-                set_uniform(program, u_cast_reach=self._cast.reach_m)
+            if self._relief is not None and self._lamp:
+                self._relief.bind(program)
             set_uniform(program, u_relief_reach=self._relief.reach_m if self._relief else 0.0)
         elif self._relief is not None:
             self._relief.bind(program)
@@ -333,6 +329,6 @@ class GroundPass:
     def release(self) -> None:
         """Release the GL objects."""
         release_all(*self._screens.values(), *self.programs, *self._mesh_programs.values(),
-                    self._mesh, *self._levels, *([self._cast] if self._cast else []))
+                    self._mesh, *self._levels, *([self._relief] if self._relief else []))
         if self._tracks is not None:
             self._tracks.release()

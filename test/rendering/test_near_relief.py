@@ -191,11 +191,10 @@ def under_the_lamp(shape_m):
     return points, frame.radiance, lamp
 
 
-@pytest.mark.parametrize('shape_m', [0.0, 2.5])
-def test_pebbles_cast_shadows_under_the_lamp(shape_m):
+def test_pebbles_cast_shadows_under_the_lamp():
     """Behind the highest pebbles, away from the lamp, it is dark as far as rays say, not before
     them; rays to a lamp beside it say otherwise, and so do shadows of half the length."""
-    points, radiance, lamp = under_the_lamp(shape_m)
+    points, radiance, lamp = under_the_lamp(2.5)
     heights = Heights(1)
     away = np.hypot(*(points[..., :2] - lamp[:2]).transpose(2, 0, 1))
     near = np.nonzero((away > 0.6) & (away < 1.4) & np.isfinite(away))
@@ -212,6 +211,17 @@ def test_pebbles_cast_shadows_under_the_lamp(shape_m):
     assert dark[said].mean() < 0.08     # slopes that face away, and edges
     # Under a lamp of twice the height shadows would be shorter: their ends are dark, too.
     assert dark[shorter & ~said].mean() > 0.8
+
+
+def test_painted_relief_casts_none_under_the_lamp():
+    """The lit faces before them cannot be seen, so black spots would stand alone."""
+    points, radiance, lamp = under_the_lamp(0.0)
+    heights = Heights(1)
+    away = np.hypot(*(points[..., :2] - lamp[:2]).transpose(2, 0, 1))
+    near = np.nonzero((away > 0.6) & (away < 1.4))
+    place, light = points[near], radiance[near] * away[near]**3
+    said = free_of_relief(place[:, :2], heights(place[:, :2]), lamp, heights)
+    assert (light[~said] < 0.1 * np.median(light)).mean() < 0.5
 
 
 def free_of_relief(xy, height, lamp, heights):

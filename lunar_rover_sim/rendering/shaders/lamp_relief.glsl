@@ -1,8 +1,7 @@
-// Shadow of the relief below the grid under the lamp, near the camera.
+// Shadow of the relief below the grid under the lamp, where it has shape.
 uniform sampler2D u_relief;     // height over the grid [m], bound of the slopes around; wraps around
 uniform float u_relief_scale;   // 1 / its extent [1/m]
 uniform vec2 u_relief_most;     // greatest height of the relief [m], and half of the finest grid
-uniform float u_cast_reach;     // distance up to which it casts shadows [m]
 
 const float LAMP_TEXEL = 0.003125;      // of the map [m]
 const float LAMP_EDGE = 4e-4;           // height over which a shadow sets in [m]
@@ -11,8 +10,7 @@ const float LAMP_EDGE = 4e-4;           // height over which a shadow sets in [m
 // around a point allow.
 // normal: of the grid; kept: share of the relief that tracks have left
 float lamp_over_relief(vec2 xy, vec3 normal, vec3 to_lamp, float kept) {
-    float away = length(xy - u_camera.xy - u_centre);
-    float shape = kept * clamp(5.0 - 5.0 * away / u_cast_reach, 0.0, 1.0);
+    float shape = kept * relief_share(xy);
     float rise = max(dot(normal, to_lamp), 0.01);
     vec2 heading = normalize(to_lamp.xy);
     float tangent = rise * inversesqrt(max(1.0 - rise * rise, 1e-4));
