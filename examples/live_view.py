@@ -16,7 +16,7 @@ def main(duration_s: float = 20.0) -> int:
     gait = scenario.gait_controller()
     gait.set_velocity(0.12, 0.05)
     figure, (left, above) = plt.subplots(1, 2, figsize=(10, 4), layout='constrained')
-    above.set(xlabel='x [m]', ylabel='y [m]')
+    above.set(xlabel='x [m]', ylabel='y [m]', aspect='equal', adjustable='datalim')
     path = [np.zeros(2)]
     line, = above.plot([], [])
     image, shown = None, 0

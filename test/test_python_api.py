@@ -18,11 +18,13 @@ import synthetic_bag
 import worlds
 
 import lunar_rover_sim
-from lunar_rover_sim import LunarRoverSimError, open_bag, record, Scenario, topics
+from lunar_rover_sim import (LunarRoverSimError, open_bag, record, Scenario, topics, Trajectory,
+                             VisualOdometry)
 from lunar_rover_sim.bag.content_hash import bag_hash, topic_hashes
 from lunar_rover_sim.bag.totals import recorded_factor
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.slam.euroc_reader import Camera
 
 
 def test_every_name_is_there_and_documented() -> None:
@@ -59,6 +61,17 @@ def test_objects_say_what_they_are(tmp_path: Path) -> None:
         for one, words in ((world, world.hash), (scenario, 'flat'), (bag, '2 topics, 42 messages'),
                            (simulation, 'kg at (0.00, 0.00) m, 0 s')):
             assert words in repr(one).replace('-0.00', '0.00') and len(repr(one)) < 200
+        gait = scenario.gait_controller()
+        gait.set_velocity(0.1, -0.2)
+        camera = Camera((100.0, 100.0), (50.0, 50.0), 0.1)
+        for one, words in (
+                (gait, 'GaitController(rover, 4 legs, at 0.1 m/s and -0.2 rad/s)'),
+                (scenario.matcher(), 'SgmMatcher(0 to 128 px)'),
+                (scenario.lidar(world), 'Lidar(velodyne_vlp16, 28928 beams, 10 Hz)'),
+                (VisualOdometry(camera), 'VisualOdometry(0 frames located)'),
+                (Trajectory.of_states([simulation.state]),
+                 "Trajectory('truth', 1 poses, 0.0 s, 0.00 m)")):
+            assert repr(one) == words
         for one, words in ((world, 'image/png'), (scenario, '<table>'), (bag, 'image/png')):
             assert words in one._repr_html_()
         # One topic may be given as such.

@@ -61,6 +61,11 @@ class Trajectory:
                    np.array([state.position_m for state in known]).reshape(-1, 3),
                    np.array([state.orientation_wxyz for state in known]).reshape(-1, 4), name)
 
+    def __repr__(self) -> str:
+        span_s = 1e-9 * (self.stamps_ns[-1] - self.stamps_ns[0]) if len(self.stamps_ns) else 0.0
+        return (f'Trajectory({self.name!r}, {len(self.stamps_ns)} poses, {span_s:.1f} s, '
+                f'{self.length_m:.2f} m)')
+
     def __post_init__(self) -> None:
         stamps = np.array(self.stamps_ns).reshape(-1)
         if len(stamps) and stamps.dtype.kind not in 'iu':

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import html
+import math
 from pathlib import Path
 from typing import Any
 
@@ -82,9 +83,11 @@ class Evaluation:
     unmatched: int
 
     def __repr__(self) -> str:
-        return (f'Evaluation(ATE {self.ate_m.rmse:.4f} m, scale {self.scale:.4f}, drift '
-                f'{self.drift_percent:.2f} % of {self.length_m:.2f} m, tracked '
-                f'{100 * self.tracked_share:.1f} %, aligned by {self.options.align})')
+        # A short drive has no drift: that is measured over stretches of it.
+        drift = '' if math.isnan(self.drift_percent) else f'drift {self.drift_percent:.2f} %, '
+        return (f'Evaluation(ATE {self.ate_m.rmse:.4f} m over {self.length_m:.2f} m, scale '
+                f'{self.scale:.4f}, {drift}tracked {100 * self.tracked_share:.1f} %, aligned by '
+                f'{self.options.align})')
 
     def _repr_html_(self) -> str:
         """Return the view from above of both paths, for a notebook."""

@@ -75,6 +75,11 @@ class GaitController:
         self._calibration = calibration or GaitCalibration.default()
         self.reset()
 
+    def __repr__(self) -> str:
+        forward_mps, yaw_rate_radps = self._velocity
+        return (f'GaitController({self._config.gait}, {len(self._offsets)} legs, at '
+                f'{forward_mps:g} m/s and {yaw_rate_radps:g} rad/s)')
+
     @property
     def config(self) -> GaitConfig:
         """The parameters in force, or blended towards."""

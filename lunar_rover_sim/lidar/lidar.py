@@ -60,6 +60,10 @@ class Lidar:
         self._returns = ReturnModel(config, world.albedo, world.ground.cell_m, rocks.albedo)
         self._soft: SoftCells | None = None
 
+    def __repr__(self) -> str:
+        return (f'Lidar({self._config.part}, {len(self.pattern)} beams, '
+                f'{self._config.rate_hz:g} Hz)')
+
     @property
     def legs_met(self) -> bool:
         """Whether any beam may meet a leg of the rover."""

@@ -44,6 +44,10 @@ class SgmMatcher:
         self._half_matcher = _sgbm(config, least, self._half_reach - least,
                                    max(config.block_size - 2, 1))
 
+    def __repr__(self) -> str:
+        low = self.config.min_disparity
+        return f'SgmMatcher({low} to {low + self.config.num_disparities} px)'
+
     def match(self, left: NDArray[Any], right: NDArray[Any]) -> DisparityMap:
         """Match two (h, w) or (h, w, 3) images, uint8 or uint16.
 

@@ -57,6 +57,10 @@ def test_all_are_tested_short_and_on_the_page() -> None:
         text = path.read_text(encoding='utf-8')
         assert len(text.splitlines()) < 60 and text.startswith('"""'), path.name
         assert path.name in page, path.name
+        picture = f'resource/pictures/examples/{path.stem}.webp'
+        assert f'../{picture}' in page, path.name
+        image = cv2.imread(str(FOLDER.parent / picture))
+        assert image is not None and image.std() > 5.0, path.name
 
 
 def test_step_and_draw(tmp_path: Path) -> None:

@@ -63,6 +63,10 @@ class VisualOdometry:
         self._located: list[tuple[int, int, Array]] = []   # stamp, keyframe, pose in it
         self.lost_ns: int | None = None
 
+    def __repr__(self) -> str:
+        lost = '' if self.lost_ns is None else f', lost at {1e-9 * self.lost_ns:.2f} s'
+        return f'VisualOdometry({len(self._located)} frames located{lost})'
+
     @classmethod
     def of_rig(cls, rig: StereoRig) -> VisualOdometry:
         """Return the odometry of the pairs that a rig takes, as `Renderer.rig` says it."""
