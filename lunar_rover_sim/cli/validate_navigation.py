@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'Drives to a goal on the world of each seed: by what the rover sees, by the true map'
         ' (the bound), and straight ahead, blindly. Depth is that of rays with the errors of the'
         ' matcher and the shadows of the sun; no ROS and no images are needed. Writes'
-        ' navigation.md, navigation.csv and navigation.png.')
+        ' navigation.md, navigation.csv, navigation.png and, of estimates, navigation_poses.png.')
     parser.add_argument('scenarios', nargs='*', default=['baseline'], metavar='SCENARIO',
                         help=f'of {", ".join(scenario_names())} (default: baseline)')
     options.add_overrides(parser)

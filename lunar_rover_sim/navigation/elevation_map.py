@@ -107,10 +107,10 @@ class ElevationMap:
         noise = self.config.disparity_stddev_px / (K[0, 0] * baseline_m) if baseline_m else 0.0
         assert self._corner is not None
         self._sums[:] = 0.0
-        _scatter_depth(_without_edges(depth_m, int(self.config.hole_px * w / 640)), u, v, T, self._corner, self.config.cell_m,
-                       self.config.min_range_m, self.config.max_range_m, noise,
-                       self.config.range_stddev_m, self.config.height_stddev_m,
-                       self.config.grazing, self._sums)
+        _scatter_depth(_without_edges(depth_m, int(self.config.hole_px * w / 640)), u, v, T,
+                       self._corner, self.config.cell_m, self.config.min_range_m,
+                       self.config.max_range_m, noise, self.config.range_stddev_m,
+                       self.config.height_stddev_m, self.config.grazing, self._sums)
         self._take_in(np.asarray(position_m, float))
         return anew
 

@@ -19,18 +19,19 @@ from lunar_rover_sim.evaluation.true_surface import TrueSurface
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.files.paths import markdown_table
-from lunar_rover_sim.navigation.config import TRUTH
+from lunar_rover_sim.navigation.config import NavigatorConfig, TRUTH
 from lunar_rover_sim.navigation.planner import Planner
 from lunar_rover_sim.navigation.traversability import Limits, traversability
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.studies.navigation_drives import (BLIND, drive_to, GoalDrive, KNOWN, SEEN,
-                                                       start_of, TIPPED)
+from lunar_rover_sim.studies.navigation_drives import (BLIND, drive_to, GOAL_SLACK_M, GoalDrive,
+                                                       KNOWN, SEEN, start_of, TIPPED)
 from lunar_rover_sim.studies.parallel import map_in_processes
 from lunar_rover_sim.studies.study_folder import StudyFolder
 from lunar_rover_sim.world.model import World
 
 _TRIALS = 200           # of a goal, before a world counts as too rough
 _MARGIN_M = 3.0
+_LEAST_ERROR_M = 1e-2     # of an estimate, in the picture
 
 
 class Case(NamedTuple):
@@ -228,7 +229,7 @@ def _mean(values: Sequence[float], digits: int) -> str:
 
 
 def write_all(drives: dict[Case, GoalDrive], distance_m: float, folder: Path) -> str:
-    """Write navigation.md, navigation.csv and the figures; return the text of the first."""
+    """Write navigation.md, navigation.csv and the pictures; return the text of the first."""
     text = report_text(drives, distance_m)
     atomic_write(folder / 'navigation.md', text, StudyError)
     fields = [f.name for f in dataclasses.fields(GoalDrive)
@@ -239,34 +240,47 @@ def write_all(drives: dict[Case, GoalDrive], distance_m: float, folder: Path) ->
         table.append(','.join(str(v).replace(',', ';') if not isinstance(v, float)
                               else f'{v:.4f}' for v in (*case, *values)))
     atomic_write(folder / 'navigation.csv', '\n'.join(table) + '\n', StudyError)
-    plot_arrival(drives, folder / 'navigation.png')
+    plot_ways(drives, folder / 'navigation.png')
+    if any(case.pose != TRUTH for case in drives):
+        plot_estimates(drives, folder / 'navigation_poses.png')
     return text
 
 
-def plot_arrival(drives: dict[Case, GoalDrive], path: Path) -> None:
-    """Draw arrival against the error of the estimate, and the ways driven."""
-    figure = Figure(figsize=(11.0, 5.0), layout='constrained')
-    left, right = figure.subplots(1, 2)
+def plot_estimates(drives: dict[Case, GoalDrive], path: Path) -> None:
+    """Draw where drives ended, from the true goal, against the error of the estimate there."""
+    figure = Figure(figsize=(8.0, 4.5), layout='constrained')
+    axes = figure.subplots()
     poses = sorted({case.pose for case in drives if case.driver == SEEN})
     for pose in poses:
         each = [d for c, d in drives.items() if c.driver == SEEN and c.pose == pose]
         share = Share.of(sum(d.arrived for d in each), len(each))
-        error = float(np.median([d.pose_error_m for d in each]))
-        left.errorbar(max(error, 1e-3), 100 * share.value,
-                      yerr=[[100 * (share.value - share.low)], [100 * (share.high - share.value)]],
-                      marker='o', capsize=3, label=f'{pose}, n = {len(each)}')
-    left.set(xscale='log', xlabel='median error of the estimated position at the end [m]',
-             ylabel='arrived at the true goal [%]', ylim=(0, 105))
+        label = (f'{pose}: {100 * share.value:.0f} % [{100 * share.low:.0f}, '
+                 f'{100 * share.high:.0f}] arrived, n = {len(each)}')
+        axes.scatter([max(d.pose_error_m, _LEAST_ERROR_M) for d in each],
+                     [d.goal_error_m for d in each], s=22, alpha=0.7, label=label)
+    limit = GOAL_SLACK_M + NavigatorConfig().goal_tolerance_m
+    axes.axhspan(0.0, limit, color='tab:green', alpha=0.12, lw=0)
+    axes.set(xscale='log', yscale='log', xlabel='error of the estimated position at the end [m]'
+             f' (left edge: {_LEAST_ERROR_M:g} m or less)', ylabel='true distance from the goal '
+             'at the end [m]', title='green: arrived')
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    save_figure(figure, path, StudyError)
+
+
+def plot_ways(drives: dict[Case, GoalDrive], path: Path) -> None:
+    """Draw the ways driven by the true pose."""
+    figure = Figure(figsize=(6.0, 5.0), layout='constrained')
+    axes = figure.subplots()
     for driver, colour in ((KNOWN, 'tab:green'), (SEEN, 'tab:blue'), (BLIND, 'tab:red')):
-        for k, (_, drive) in enumerate((c, d) for c, d in drives.items()
-                                       if c.driver == driver and c.pose == TRUTH):
-            right.plot(*drive.path_m.T, color=colour, lw=0.8, alpha=0.7,
-                       label=driver if k == 0 else None)
+        for k, drive in enumerate(d for c, d in drives.items()
+                                  if c.driver == driver and c.pose == TRUTH):
+            axes.plot(*drive.path_m.T, color=colour, lw=0.8, alpha=0.7,
+                      label=driver if k == 0 else None)
             if not drive.arrived and len(drive.path_m):
-                right.plot(*drive.path_m[-1], 'x', color=colour)
-    right.set(xlabel='x [m]', ylabel='y [m]', aspect='equal', title='x: did not arrive')
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
-        if axes.get_legend_handles_labels()[0]:
-            axes.legend(fontsize=8)
+                axes.plot(*drive.path_m[-1], 'x', color=colour)
+    axes.set(xlabel='x [m]', ylabel='y [m]', aspect='equal', title='x: did not arrive')
+    axes.grid(alpha=0.3)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=8)
     save_figure(figure, path, StudyError)

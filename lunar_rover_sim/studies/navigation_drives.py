@@ -44,7 +44,7 @@ TIME_OVER, TIPPED = 'time over', 'tipped over'
 MAP_LAG_S = 0.2
 DEPTH_HZ = 3
 _COMMAND_PERIODS = 10           # of the controller: 20 Hz
-_GOAL_SLACK_M = 0.3             # beyond the tolerance, by which the true goal may be missed
+GOAL_SLACK_M = 0.3             # beyond the tolerance, by which the true goal may be missed
 _CLOSE_S = 0.3                  # belly contacts nearer in time than this [s] are one
 _KNOWN_MARGIN_M = 6.0           # of the true map around start and goal
 
@@ -233,7 +233,7 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
         except PhysicsError as error:
             outcome = str(error)
         off = float(np.linalg.norm(state.position_m[:2] - goal_m))
-        if outcome == ARRIVED and off > nav.goal_tolerance_m + _GOAL_SLACK_M:
+        if outcome == ARRIVED and off > nav.goal_tolerance_m + GOAL_SLACK_M:
             outcome = ARRIVED_WRONG
         if outcome == TILT and tip.lies:
             outcome = TIPPED

@@ -100,6 +100,9 @@ def test_the_report_counts_and_compares(drives, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {'navigation.md', 'navigation.csv',
                                                           'navigation.png'}
     assert len((tmp_path / 'navigation.csv').read_text().splitlines()) == 13
+    many[Case('flat', 6.0, SEEN, 'wheels', 1)] = drives[SEEN]
+    write_all(many, 2.6, tmp_path)
+    assert (tmp_path / 'navigation_poses.png').is_file()
 
 
 def test_goals_are_where_a_way_leads_and_not_beyond_the_world():
@@ -109,3 +112,16 @@ def test_goals_are_where_a_way_leads_and_not_beyond_the_world():
     assert goal == goal_of(scenario, world, 3.0)
     with pytest.raises(StudyError, match='--distance: 30 is not valid'):
         goal_of(scenario, world, 30.0)
+
+
+def test_goals_are_around_the_start_and_the_own_one_of_a_scenario_counts():
+    world = world_with_a_rock()
+    away = Scenario.load('flat', ['physics_node.start.x_m=-2', 'physics_node.start.y_m=1'])
+    assert np.hypot(*np.subtract(goal_of(away, world, 2.0), (-2.0, 1.0))) == pytest.approx(
+        2.0, abs=0.01)
+    own = ['navigator_node.has_goal=true', 'navigator_node.goal_x_m=2',
+           'navigator_node.goal_y_m=0.5']
+    assert goal_of(Scenario.load('flat', own), world, 3.0) == (2.0, 0.5)
+    # The way is that from the start: the straight one is free.
+    drive = drive_to(away, world, (-2.0, -1.0), KNOWN, limit_s=1.0)
+    assert drive.shortest_m == pytest.approx(2.0, abs=0.1)
