@@ -15,6 +15,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import CUSTOM, GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
+from lunar_rover_sim.learning.randomisation import check_ranges
 from lunar_rover_sim.learning.senses import Channel, of_legs, Sample, scaled, Upright
 from lunar_rover_sim.learning.task import Driver, even, RoverTask, STATE_HZ, TaskConfig
 from lunar_rover_sim.parameters import param
@@ -48,7 +49,8 @@ class GaitTaskConfig(TaskConfig):
                                ' the commanded one', low=0.0)
 
     def validate(self) -> None:
-        """Raise ConfigError for a rate whose period is no whole number of states."""
+        """Raise ConfigError for a period of no whole number of states, or a range upside down."""
+        check_ranges(self, 'forward_mps', 'yaw_rate_radps')
         if STATE_HZ % self.decision_hz:
             raise ConfigError(f'decision_hz: {self.decision_hz} is not valid; valid is a divisor '
                               f'of {STATE_HZ} [Hz]')

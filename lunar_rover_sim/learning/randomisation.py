@@ -19,6 +19,15 @@ def _range(low: float, high: float, doc: str, unit: str = '', least: float = 0.0
                  high=most)
 
 
+def check_ranges(parameters: Parameters, *names: str) -> None:
+    """Raise ConfigError for a range whose least value is above its greatest."""
+    for name in names:
+        low, high = getattr(parameters, name)
+        if low > high:
+            raise ConfigError(f'{name}: [{low:g}, {high:g}] is not valid; valid is the least value'
+                              ' first')
+
+
 @dataclasses.dataclass(frozen=True)
 class Randomisation(Parameters):
     """Ranges from which each episode draws, evenly; factors evenly in their logarithm.
@@ -51,12 +60,8 @@ class Randomisation(Parameters):
     push_every_s: tuple[float, ...] = _range(3.0, 8.0, 'time between pushes', 's', least=0.1)
 
     def validate(self) -> None:
-        """Raise ConfigError for a range whose least value is above its greatest."""
-        for field in dataclasses.fields(self):
-            low, high = getattr(self, field.name)
-            if low > high:
-                raise ConfigError(f'{field.name}: [{low:g}, {high:g}] is not valid; valid is the '
-                                  'least value first')
+        """Raise ConfigError for a range that is upside down."""
+        check_ranges(self, *(field.name for field in dataclasses.fields(self)))
 
     @classmethod
     def none(cls) -> Randomisation:

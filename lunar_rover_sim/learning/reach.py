@@ -18,6 +18,7 @@ from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.illumination.config import SunConfig
+from lunar_rover_sim.learning.randomisation import check_ranges
 from lunar_rover_sim.learning.senses import Channel, Sample, scaled, Upright
 from lunar_rover_sim.learning.task import Driver, even, RoverTask, TaskConfig
 from lunar_rover_sim.navigation.config import MapConfig, TRUTH
@@ -50,6 +51,10 @@ class ReachConfig(TaskConfig):
     reached_reward: float = param(2.0, 'reward of the goal', low=0.0)
     energy_weight: float = param(0.1, 'cost of energy over weight times a metre', low=0.0)
     time_weight: float = param(0.01, 'cost of each second', low=0.0)
+
+    def validate(self) -> None:
+        """Raise ConfigError for a range that is upside down."""
+        check_ranges(self, 'goal_m')
 
 
 class ReachDriver(Driver):

@@ -18,7 +18,7 @@ import numpy as np
 from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError, LearningError
 from lunar_rover_sim.learning.environment import as_observed, information, observation_space
-from lunar_rover_sim.learning.task import Outcome
+from lunar_rover_sim.learning.task import checked_action, Outcome
 from lunar_rover_sim.learning.tasks import make_task
 
 
@@ -48,7 +48,7 @@ class RoverVectorEnv(VectorEnv[Any, Any, Any]):
         """
         for name, value in (('num_envs', num_envs),
                             ('threads', 1 if threads is None else threads)):
-            if not isinstance(value, int) or value < 1:
+            if type(value) is not int or value < 1:
                 raise ConfigError(f'{name}: {brief(value)} is not valid; valid is >= 1')
         if render_mode is not None:
             raise ConfigError(f'render_mode: {brief(render_mode)} is not valid for several; make '
@@ -78,8 +78,9 @@ class RoverVectorEnv(VectorEnv[Any, Any, Any]):
         count = self.num_envs
         seeds = (list(seed) if isinstance(seed, (list, tuple))
                  else [None if seed is None else seed + k for k in range(count)])
-        if len(seeds) != count:
-            raise ConfigError(f'seed: {brief(seed)} is not valid; valid are {count} seeds, or one')
+        if len(seeds) != count or any(one is not None and one < 0 for one in seeds):
+            raise ConfigError(f'seed: {brief(seed)} is not valid; valid are {count} whole numbers'
+                              ' >= 0, or one')
         if not self._random:
             self._random = [np.random.default_rng(one) for one in seeds]
         else:
@@ -95,12 +96,16 @@ class RoverVectorEnv(VectorEnv[Any, Any, Any]):
         """Make one decision in each.
 
         Raises:
-            LearningError: There are not as many actions as environments, or one is not valid.
+            LearningError: There are not as many actions as environments, or one is not valid; none
+                has stepped.
         """
         if not self._random:
             raise LearningError('step: there is no episode; call reset first')
-        if len(actions) != self.num_envs:
-            raise LearningError(f'action: {len(actions)} given; valid are {self.num_envs}')
+        if np.ndim(actions) == 0 or len(actions) != self.num_envs:
+            raise LearningError(f'action: {brief(actions)} is not valid; valid are '
+                                f'{self.num_envs} actions')
+        for action in actions:
+            checked_action(action, self.actions)
         results = list(self._pool.map(self._step_one, range(self.num_envs), actions))
         infos: dict[str, Any] = {}
         for k, (_, _, info) in enumerate(results):

@@ -16,6 +16,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
+from lunar_rover_sim.learning.randomisation import check_ranges
 from lunar_rover_sim.learning.senses import Channel, of_legs, Sample, scaled, Upright
 from lunar_rover_sim.learning.task import Driver, even, RoverTask, STATE_HZ, TaskConfig
 from lunar_rover_sim.parameters import group, param
@@ -59,6 +60,10 @@ class WalkConfig(TaskConfig):
                                   low=0.0)
     change_weight: float = param(0.01, 'cost of the squared change of the action', low=0.0)
     reward_scale: float = param(0.05, 'factor on all rewards', low=0.0, open_low=True)
+
+    def validate(self) -> None:
+        """Raise ConfigError for a range that is upside down."""
+        check_ranges(self, 'forward_mps', 'yaw_rate_radps')
 
 
 class WalkDriver(Driver):

@@ -170,6 +170,8 @@ def test_reach_sees_the_ground_ahead_and_nothing_behind():
     ({'randomise': {'mass_factor': [1.2, 0.8]}},
      r'mass_factor: \[1.2, 0.8\] is not valid; valid is the least value first'),
     ({'randomise': {'delay': [0, 9]}}, 'delay: 9 is not valid'),
+    ({'forward_mps': [0.16, 0.08]}, r'forward_mps: \[0.16, 0.08\] .* the least value first'),
+    ({'yaw_rate_radps': [0.1, -0.1]}, r'yaw_rate_radps: \[0.1, -0.1\] .* the least value first'),
     ({'episode_s': float('nan')}, 'episode_s: nan is not a finite number'),
     ({'render_mode': 'ascii'}, "render_mode: 'ascii' is not valid; valid are rgb_array, human"),
 ])
@@ -178,6 +180,39 @@ def test_options_that_are_refused(options, text):
     with pytest.raises(ConfigError, match=text) as refused:
         RoverEnv('walk', **options)
     assert '\n' not in str(refused.value)
+
+
+@pytest.mark.parametrize('task, name, value', [
+    ('gait', 'forward_mps', [0.2, 0.1]), ('gait', 'yaw_rate_radps', [0.2, 0.1]),
+    ('reach', 'goal_m', [5.0, 1.0])])
+def test_ranges_upside_down(task, name, value):
+    with pytest.raises(ConfigError, match=f'{name}: .* is not valid; valid is the least value'):
+        make_task(task, {name: value})
+
+
+def test_what_several_refuse():
+    from lunar_rover_sim.learning.vector import RoverVectorEnv
+    for options, text in (({'num_envs': 0}, 'num_envs: 0 is not'),
+                          ({'num_envs': True}, 'num_envs: True is not'),
+                          ({'num_envs': 2, 'threads': 0}, 'threads: 0 is not'),
+                          ({'num_envs': 2, 'render_mode': 'human'}, 'make one environment')):
+        with pytest.raises(ConfigError, match=text):
+            RoverVectorEnv('walk', **options)
+    envs = RoverVectorEnv('walk', 2, **{**SHORT, 'ground': 'rigid'})
+    with pytest.raises(LearningError, match='there is no episode; call reset first'):
+        envs.step(np.zeros((2, 4)))
+    for seed in (-1, [1, 2, 3]):
+        with pytest.raises(ConfigError, match='seed: .* valid are 2 whole numbers >= 0, or one'):
+            envs.reset(seed=seed)
+    envs.reset(seed=1)
+    for actions, text in ((None, 'valid are 2 actions'), (np.zeros((3, 4)), 'valid are 2 actions'),
+                          (np.zeros((2, 3)), 'valid are 4 finite numbers'),
+                          ([np.zeros(4), np.full(4, np.nan)], 'valid are 4 finite numbers')):
+        with pytest.raises(LearningError, match=text):
+            envs.step(actions)
+    # The first has not stepped while the second was refused.
+    assert len({task.state.stamp_ns for task in envs.tasks}) == 1
+    envs.close()
 
 
 @pytest.mark.parametrize('action', [np.zeros(3), np.full(4, np.nan), 'left', np.zeros((4, 1))])
