@@ -11,12 +11,15 @@ seeds of the study.
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 from pathlib import Path
 import pickle
 import time
+from typing import Any
 
 import cma
 from episodes import run_episode
+from feedback import count, layer
 import numpy as np
 from rich.progress import track
 from train_gait import EVALUATED, log, tuned
@@ -26,9 +29,6 @@ from lunar_rover_sim.learning.task import RoverTask
 from lunar_rover_sim.learning.tasks import make_task
 
 FAILED = 10.0   # cost of an episode that ends early, which loses no reward any more
-OF_LEG = ('spoke_sin', 'spoke_cos', 'speed', 'torque', 'lead')
-OF_BODY = ('rate_y', 'up_x')
-OF_SIDE = ('rate_x', 'up_y')    # of the other sign for legs on the right
 
 
 def main() -> None:
@@ -45,66 +45,57 @@ def main() -> None:
     parser.add_argument('--population', type=int, default=12)
     parser.add_argument('--episodes', type=int, default=2, help='of each candidate')
     parser.add_argument('--episode', type=float, default=6.0, help='length of each [s]')
+    parser.add_argument('--workers', type=int, default=1, help='processes that walk')
     parser.add_argument('--sigma', type=float, default=0.1)
     parser.add_argument('--seed', type=int, default=1)
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
-    task = make_task('walk', {
+    options = {
         'ground': args.ground, 'rover': args.rover, 'forward_mps': (args.speed, args.speed),
-        'yaw_rate_radps': (0.0, 0.0), 'episode_s': args.episode, **tuned(args.gait, args.rover)})
+        'yaw_rate_radps': (0.0, 0.0), 'episode_s': args.episode, **tuned(args.gait, args.rover)}
+    task = make_task('walk', options)
     end_s = time.monotonic() + 60.0 * args.minutes
     kept = args.output / 'checkpoint.pickle'
     if kept.exists():
         search = pickle.loads(kept.read_bytes())
     else:
-        search = cma.CMAEvolutionStrategy(np.zeros(_count(task)), args.sigma, {
+        search = cma.CMAEvolutionStrategy(np.zeros(count(task)), args.sigma, {
             'popsize': args.population, 'seed': args.seed, 'verbose': -9})
         log(args.output, {'generation': 0,
                           'evaluated': mean_return(task, search.mean, EVALUATED)})
-    for _ in track(range(search.countiter, args.generations), description='generations'):
-        first = int(np.random.default_rng((args.seed, search.countiter)).integers(10_000))
-        candidates = search.ask()
-        returns = [mean_return(task, one, range(first, first + args.episodes))
-                   for one in candidates]
-        search.tell(candidates, [-one for one in returns])
-        kept.write_bytes(pickle.dumps(search))
-        over = search.countiter == args.generations or time.monotonic() > end_s
-        line = {'generation': search.countiter, 'best': max(returns),
-                'median': float(np.median(returns)), 'sigma': search.sigma}
-        if search.countiter % 5 == 0 or over:
-            line['evaluated'] = mean_return(task, search.mean, EVALUATED)
-        log(args.output, {**line, 'mean': np.round(search.mean, 3).tolist()})
-        save_policy(args.output / 'policy.onnx', [layer(task, search.mean)], task, {
-            'algorithm': f'linear feedback by CMA-ES, {search.countiter} generations of '
-                         f'{args.population}, added to the gait {args.gait or "packaged"}',
-            'decisions': search.countiter * args.population * args.episodes * round(
-                args.episode * 1e9 / task.driver.decision_ns), 'seeds': [args.seed]})
-        if over:
-            break
+    with multiprocessing.get_context('spawn').Pool(args.workers, begin, (options,)) as pool:
+        for _ in track(range(search.countiter, args.generations), description='generations'):
+            first = int(np.random.default_rng((args.seed, search.countiter)).integers(10_000))
+            candidates = search.ask()
+            seeds = range(first, first + args.episodes)
+            returns = pool.starmap(walk, [(one, seeds) for one in candidates])
+            search.tell(candidates, [-one for one in returns])
+            kept.write_bytes(pickle.dumps(search))
+            over = search.countiter == args.generations or time.monotonic() > end_s
+            line = {'generation': search.countiter, 'best': max(returns),
+                    'median': float(np.median(returns)), 'sigma': search.sigma}
+            if search.countiter % 5 == 0 or over:
+                line['evaluated'] = mean_return(task, search.mean, EVALUATED)
+            log(args.output, {**line, 'mean': np.round(search.mean, 3).tolist()})
+            save_policy(args.output / 'policy.onnx', [layer(task, search.mean)], task, {
+                'algorithm': f'linear feedback by CMA-ES, {search.countiter} generations of '
+                             f'{args.population}, added to the gait {args.gait or "packaged"}',
+                'decisions': search.countiter * args.population * args.episodes * round(
+                    args.episode * 1e9 / task.driver.decision_ns), 'seeds': [args.seed]})
+            if over:
+                break
     task.close()
 
 
-def layer(task: RoverTask, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return weights (legs, observations) and biases (legs,) of a feedback.
-
-    Legs of one row, from front to rear, have the same numbers, mirrored from left to right.
-    """
-    legs = task.rover.legs
-    columns = {channel.name: k for k, channel in enumerate(task.channels)}
-    weight, bias = np.zeros((len(legs.names), len(columns))), np.zeros(len(legs.names))
-    by_row = np.asarray(numbers).reshape(max(legs.rows()) + 1, -1)
-    for k, (name, row, left) in enumerate(zip(legs.names, legs.rows(), legs.on_left)):
-        of_leg, of_body, of_side = np.split(by_row[row, 1:], np.cumsum(
-            [len(OF_LEG), len(OF_BODY)]))
-        bias[k] = by_row[row, 0]
-        weight[k, [columns[f'{one}/{name}'] for one in OF_LEG]] = of_leg
-        weight[k, [columns[one] for one in OF_BODY]] = of_body
-        weight[k, [columns[one] for one in OF_SIDE]] = of_side if left else -of_side
-    return weight, bias
+def begin(options: dict[str, Any]) -> None:
+    """Make the task of a process that walks."""
+    global _task
+    _task = make_task('walk', options)
 
 
-def _count(task: RoverTask) -> int:
-    return (max(task.rover.legs.rows()) + 1) * (1 + len(OF_LEG) + len(OF_BODY) + len(OF_SIDE))
+def walk(numbers: np.ndarray, seeds: range) -> float:
+    """Return the mean return of episodes with a feedback, in a process that walks."""
+    return mean_return(_task, numbers, seeds)
 
 
 def mean_return(task: RoverTask, numbers: np.ndarray, seeds: range) -> float:

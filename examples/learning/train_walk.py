@@ -14,6 +14,7 @@ from pathlib import Path
 import time
 
 from episodes import run_episode
+from feedback_policy import FeedbackPolicy, policy_options
 import numpy as np
 from sb3_vector import Sb3Vector
 from stable_baselines3 import PPO, SAC
@@ -25,6 +26,7 @@ from lunar_rover_sim.learning.policy_file import save_policy
 from lunar_rover_sim.learning.tasks import make_task
 
 EVALUATED = tuple(range(20_000, 20_004))     # neither trained on nor hidden
+SMOOTHING_S = 0.3   # of actions: without it their noise costs more than any gait can gain
 
 
 def main() -> None:
@@ -36,37 +38,43 @@ def main() -> None:
     parser.add_argument('--rover', default='quad')
     parser.add_argument('--decisions', type=int, default=1_000_000)
     parser.add_argument('--envs', type=int, default=8)
+    parser.add_argument('--batch', type=int, default=8192, help='decisions of an update of PPO')
     parser.add_argument('--every', type=int, default=50_000, help='decisions between evaluations')
     parser.add_argument('--minutes', type=float, default=120.0, help='stop after this time')
     parser.add_argument('--gait', default='', metavar='POLICY',
                         help='a policy of Gait whose constant gait the actions are added to')
+    parser.add_argument('--speed', type=float, metavar='MPS',
+                        help='straight on at this speed; by default commands are drawn')
+    parser.add_argument('--calm', action='store_true', help='randomise nothing but the relief')
     parser.add_argument('--set', action='append', default=[], metavar='NAME=NUMBER',
                         help='a parameter of the task')
     parser.add_argument('--seed', type=int, default=1)
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
-    options = {'ground': args.ground, 'rover': args.rover, **tuned(args.gait, args.rover),
+    options = {'ground': args.ground, 'rover': args.rover, 'smoothing_s': SMOOTHING_S,
+               'randomise': not args.calm, **tuned(args.gait, args.rover),
                **{name: float(value) for name, value in (one.split('=') for one in args.set)}}
+    if args.speed is not None:
+        options.update(forward_mps=(args.speed, args.speed), yaw_rate_radps=(0.0, 0.0))
     envs = Sb3Vector('Walk', args.envs, **options)
     envs.seed(1000 * args.seed)
     kept = args.output / 'checkpoint.zip'
+    watch = Evaluation(args, options, kept)
     kinds = {'ppo': PPO, 'sac': SAC}
     if kept.exists():
         model = kinds[args.algorithm].load(kept, env=envs)
     elif args.algorithm == 'ppo':
-        model = PPO('MlpPolicy', envs, n_steps=256, batch_size=256, n_epochs=6, gamma=0.98,
-                    learning_rate=5e-4, target_kl=0.03, seed=args.seed,
-                    # Noise that holds for 0.3 s: white noise moves no leg, which is held to its
-                    # place in the gait.
-                    use_sde=True, sde_sample_freq=16,
-                    tensorboard_log=str(args.output / 'tensorboard'),
-                    policy_kwargs={'net_arch': [64, 64], 'log_std_init': -2.5})
+        # Linear feedback, and noise that holds for 0.64 s: what moves a leg pays after a second.
+        model = PPO(FeedbackPolicy, envs, n_steps=args.batch // args.envs,
+                    batch_size=min(args.batch, 1024), n_epochs=10, gamma=0.99, gae_lambda=0.95,
+                    learning_rate=1e-3, target_kl=0.05, seed=args.seed, use_sde=True,
+                    sde_sample_freq=32, tensorboard_log=str(args.output / 'tensorboard'),
+                    policy_kwargs=policy_options(watch.task))
     else:
         model = SAC('MlpPolicy', envs, gamma=0.98, seed=args.seed, learning_starts=5000,
                     tensorboard_log=str(args.output / 'tensorboard'),
                     policy_kwargs={'net_arch': [64, 64], 'activation_fn': torch.nn.Tanh})
-    watch = Evaluation(args, options, kept)
     left = args.decisions - model.num_timesteps
     if left > 0:
         model.learn(left, CallbackList([ProgressBarCallback(), watch]),
@@ -82,7 +90,7 @@ class Evaluation(BaseCallback):
         super().__init__()
         self._args, self._kept, self._next = args, kept, 0
         self._end_s = time.monotonic() + 60.0 * args.minutes
-        self._task = make_task('walk', options)
+        self.task = make_task('walk', options)
 
     def _on_step(self) -> bool:
         if self.num_timesteps >= self._next:
@@ -92,16 +100,16 @@ class Evaluation(BaseCallback):
 
     def keep(self, model: PPO | SAC) -> None:
         """Evaluate, and write checkpoint, policy and a line of the log."""
-        returns = [run_episode(self._task, lambda observation: model.predict(
+        returns = [run_episode(self.task, lambda observation: model.predict(
             observation, deterministic=True)[0], seed)[0] for seed in EVALUATED]
-        self._task.close()
+        self.task.close()
         line = {'decisions': int(model.num_timesteps), 'return': float(np.mean(returns)),
                 'returns': np.round(returns, 2).tolist()}
         with (self._args.output / 'log.jsonl').open('a', encoding='utf-8') as log:
             log.write(json.dumps(line) + '\n')
         model.logger.record('evaluation/return', line['return'])
         model.save(self._kept)
-        save_policy(self._args.output / 'policy.onnx', layers_of(model), self._task, {
+        save_policy(self._args.output / 'policy.onnx', layers_of(model), self.task, {
             'algorithm': f'{self._args.algorithm.upper()} of Stable-Baselines3',
             'decisions': int(model.num_timesteps), 'seeds': [self._args.seed]},
             squashed=isinstance(model, SAC))
@@ -110,11 +118,11 @@ class Evaluation(BaseCallback):
 def layers_of(model: PPO | SAC) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return weights and biases of the network that gives the mean action."""
     if isinstance(model, PPO):
-        modules = [*model.policy.mlp_extractor.policy_net, model.policy.action_net]
-    else:
-        modules = [*model.actor.latent_pi, model.actor.mu]
+        layer = model.policy.action_net.layer().detach().numpy()
+        return [(layer[:, :-1], layer[:, -1])]
     return [(one.weight.detach().cpu().numpy(), one.bias.detach().cpu().numpy())
-            for one in modules if isinstance(one, torch.nn.Linear)]
+            for one in (*model.actor.latent_pi, model.actor.mu)
+            if isinstance(one, torch.nn.Linear)]
 
 
 if __name__ == '__main__':

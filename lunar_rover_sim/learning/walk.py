@@ -38,6 +38,8 @@ class WalkConfig(TaskConfig):
                                 low=0.1, high=2.0)
     residual_radps: float = param(1.5, 'greatest residual', unit='rad/s', low=0.0, open_low=True,
                                   high=20.0)
+    smoothing_s: float = param(0.0, 'time constant with which the legs follow an action, so that'
+                               ' noise costs no energy; 0: at once', unit='s', low=0.0, high=10.0)
     fastest_radps: float = param(6.0, 'greatest leg speed where actions are speeds', unit='rad/s',
                                  low=0.0, open_low=True, high=50.0)
     forward_mps: tuple[float, ...] = param((0.08, 0.16), 'commanded speed, least and greatest',
@@ -79,6 +81,8 @@ class WalkDriver(Driver):
         self._speed_factor = config.speed_factor
         self._residual = config.action == RESIDUAL
         self._scale = config.residual_radps if self._residual else config.fastest_radps
+        self._share = (-math.expm1(-1e-9 * self.decision_ns / config.smoothing_s)
+                       if config.smoothing_s > 0.0 else 1.0)
         self._gait = GaitController(
             gait, calibration or GaitCalibration.of(gait, config.ground, rover.name), legs)
         self._spokes = legs.spokes
@@ -126,8 +130,8 @@ class WalkDriver(Driver):
                        *self.action, *lead], self.channels)
 
     def decide(self, action: Array) -> None:
-        """Take an action, (legs,) within -1 and 1."""
-        self.action = action
+        """Take an action, (legs,) within -1 and 1; `action` follows it."""
+        self.action = self.action + self._share * (action - self.action)
 
     def legs(self) -> tuple[Array, Array]:
         """Return leg speeds and reference angles."""

@@ -111,6 +111,38 @@ def test_actions_come_late_by_the_delay(delay):
     task.close()
 
 
+def test_legs_follow_a_smoothed_action_with_its_time_constant():
+    task = make_task('walk', {**SHORT, 'randomise': False, 'smoothing_s': 0.1})
+    task.reset(np.random.default_rng(2))
+    for _ in range(5):                  # 0.1 s
+        outcome = task.step(np.full(4, 0.8))
+    # What is observed is what the legs do, so that the task has no hidden state.
+    seen = [k for k, one in enumerate(task.channels) if one.name.startswith('last_action/')]
+    assert outcome.observation[seen] == pytest.approx(np.full(4, 0.8 * (1.0 - np.exp(-1.0))))
+    assert task.driver.legs()[0] - task.driver._asked.velocity_radps == pytest.approx(
+        task.config.residual_radps * task.driver.action)
+    task.close()
+
+
+def test_noise_of_smoothed_actions_costs_less_energy():
+    """Without smoothing, noise of white actions is paid for and moves no leg."""
+    def mean_reward(smoothing_s):
+        task = make_task('walk', {'ground': 'rigid', 'randomise': False, 'episode_s': 2.0,
+                                  'smoothing_s': smoothing_s})
+        task.reset(np.random.default_rng(2))
+        rng, rewards = np.random.default_rng(3), []
+        for _ in range(100):
+            rewards.append(task.step(rng.normal(0.0, noise, 4)).reward)
+        task.close()
+        return np.mean(rewards)
+
+    noise = 0.0
+    still = mean_reward(0.0)
+    noise = 1.0
+    at_once, smoothed = mean_reward(0.0), mean_reward(0.3)
+    assert still - at_once > 0.03 and abs(still - smoothed) < 0.1 * (still - at_once)
+
+
 def test_a_divergence_ends_the_episode_and_is_counted():
     with made() as env:
         env.reset(seed=1)

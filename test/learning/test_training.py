@@ -25,7 +25,12 @@ def trained(monkeypatch, name, folder, *words):
 def test_a_search_that_was_stopped_goes_on(monkeypatch, tmp_path):
     words = ('--gait', 'smooth', '--population', '4', '--episodes', '1', '--episode', '0.2')
     first = trained(monkeypatch, 'train_feedback', tmp_path, *words, '--generations', '1')
-    both = trained(monkeypatch, 'train_feedback', tmp_path, *words, '--generations', '2')
+    # Two processes find what one finds.
+    both = trained(monkeypatch, 'train_feedback', tmp_path, *words, '--generations', '2',
+                   '--workers', '2')
+    alone = trained(monkeypatch, 'train_feedback', tmp_path / 'alone', *words, '--generations',
+                    '2')
+    assert [one.get('mean') for one in alone] == [one.get('mean') for one in both]
     assert both[:2] == first and [one['generation'] for one in both] == [0, 1, 2]
     assert both[1]['mean'] != both[2]['mean']
     card = Policy(tmp_path / 'policy.onnx').card
@@ -33,7 +38,7 @@ def test_a_search_that_was_stopped_goes_on(monkeypatch, tmp_path):
 
 
 def test_ppo_that_was_stopped_goes_on(monkeypatch, tmp_path):
-    words = ('--envs', '2', '--set', 'episode_s=0.2', '--every', '512')
+    words = ('--envs', '2', '--batch', '512', '--set', 'episode_s=0.2', '--every', '512', '--calm')
     first = trained(monkeypatch, 'train_walk', tmp_path, *words, '--decisions', '512')
     both = trained(monkeypatch, 'train_walk', tmp_path, *words, '--decisions', '1024')
     assert both[:len(first)] == first
