@@ -3,7 +3,7 @@
     python examples/learning/returns.py feedback --grounds rigid highland
 
 Both walk the same episodes, of the length and the randomisation of the training, on seeds that are
-neither trained on nor hidden.
+neither trained on nor hidden, or with --hidden on reliefs that nothing else walks on.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from lunar_rover_sim.learning.policy_file import Policy
 from lunar_rover_sim.learning.tasks import make_task
 
 FIRST = 20_000
+HIDDEN = (90_000, 99_999)       # seeds of reliefs, of which the study has the first
 
 
 def main() -> None:
@@ -26,10 +27,14 @@ def main() -> None:
     parser.add_argument('policy', help='a packaged policy or a file')
     parser.add_argument('--grounds', nargs='+', default=['rigid', 'highland'])
     parser.add_argument('--episodes', type=int, default=20)
+    parser.add_argument('--hidden', action='store_true', help='on reliefs of hidden seeds')
     args = parser.parse_args()
     policy = Policy(args.policy)
     for ground in args.grounds:
-        task = make_task(policy.card.task, {**policy.card.options, 'ground': ground})
+        options = {**policy.card.options, 'ground': ground}
+        if args.hidden:
+            options['randomise'] = {**options['randomise'], 'terrain_seed': HIDDEN}
+        task = make_task(policy.card.task, options)
         still = np.zeros(len(task.actions))
         alone, learned = np.array([[run_episode(task, act, FIRST + k)[0]
                                     for k in range(args.episodes)]

@@ -1,6 +1,9 @@
 """Train a policy on `Walk` by PPO or SAC of Stable-Baselines3.
 
-    python examples/learning/train_walk.py -o runs/walk --ground highland
+    python examples/learning/train_walk.py -o runs/walk --ground rigid --speed 0.12 --calm
+
+PPO trains the feedback of `feedback.py`, SAC a network; both add to the packaged gait. What PPO
+needs for that is measured by `gradient_step.py`.
 
 Needs `pip install -e '.[train]'`. A run that was stopped goes on where it was. It writes
 `policy.onnx`, its card, and what TensorBoard shows. Training never sees the seeds of the study.
