@@ -207,6 +207,9 @@ LABEL_INFO = Topic('ground_truth/label_info', 'std_msgs/msg/String', LATCHED, 'r
 BOXES = Topic('ground_truth/boxes', 'vision_msgs/msg/Detection2DArray', DEPTH_FRAME,
               'render_node', frames.LEFT_OPTICAL_FRAME, 'boxes of rocks and craters that show 10 '
               'pixels or more, where vision_msgs is installed', on_request=True)
+MISCALIBRATION = Topic('ground_truth/miscalibration', 'std_msgs/msg/String', LATCHED,
+                       'render_node', '', 'how the right camera differs from its CameraInfo, '
+                       'as JSON, where miscalibration is set')
 LABEL_CLASSES = Topic('ground_truth/label_classes', 'vision_msgs/msg/LabelInfo', LATCHED,
                       'render_node', frames.LEFT_OPTICAL_FRAME, 'names of the labels, where '
                       'vision_msgs is installed', on_request=True)
@@ -285,8 +288,8 @@ CONTRACT: tuple[Topic, ...] = (
     JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, EXPOSURE, DISPARITY,
     DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, LABELS, CRATERS,
     SHADOW, NORMALS, OPTICAL_FLOW, SCENE_FLOW, *OF_RIGHT, *OF_COLOURS, LABEL_INFO, BOXES,
-    LABEL_CLASSES, VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD, *OF_LIDAR,
-    LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
+    MISCALIBRATION, LABEL_CLASSES, VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD,
+    *OF_LIDAR, LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
     RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TRAVERSABILITY, ELEVATION, GRID_MAP, PLAN,
     GOAL, NAVIGATOR_STATUS, NAVIGATED, TELEPORT, BRIDGED_JOINTS, SHOWN)
 # What the navigator reads; its users publish it.

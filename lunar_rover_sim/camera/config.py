@@ -48,6 +48,25 @@ class CameraConfig(Parameters):
 
 
 @dataclasses.dataclass(frozen=True)
+class MiscalibrationConfig(Parameters):
+    """Bounds of how the right camera differs from its CameraInfo; each seed draws one within."""
+
+    rotation_deg: float = param(0.0, 'rotation about each axis', unit='deg', low=0.0, high=2.0)
+    focal_percent: float = param(0.0, 'focal length', unit='%', low=0.0, high=5.0)
+    gain_percent: float = param(0.0, 'gain', unit='%', low=0.0, high=50.0)
+
+    @property
+    def moves(self) -> bool:
+        """Whether its image lies elsewhere."""
+        return self.rotation_deg > 0.0 or self.focal_percent > 0.0
+
+    @property
+    def perfect(self) -> bool:
+        """Whether there is nothing to draw."""
+        return not self.moves and self.gain_percent == 0.0
+
+
+@dataclasses.dataclass(frozen=True)
 class LensConfig(Parameters):
     """Stray light of the lens; all light that strays is missing in the image proper.
 

@@ -14,6 +14,7 @@ from lunar_rover_sim.camera.config import SensorConfig
 from lunar_rover_sim.camera.exposure import AutoExposure, first_exposure_s
 from lunar_rover_sim.camera.image_geometry import ImageGeometry
 from lunar_rover_sim.camera.lens import Lens
+from lunar_rover_sim.camera.miscalibration import Miscalibration
 from lunar_rover_sim.camera.mosaic import interpolated
 from lunar_rover_sim.camera.motion_blur import MotionBlur, Movement
 from lunar_rover_sim.camera.sensor import DevelopedCamera, ImageSensor, SensorModel, Tint
@@ -60,7 +61,8 @@ class Development:
     """
 
     def __init__(self, camera: DevelopedCamera, image: ImageGeometry, lens: Lens,
-                 config: SensorConfig, light: Light, seed: int, *, on_body: bool) -> None:
+                 config: SensorConfig, light: Light, seed: int,
+                 wrong: Miscalibration = Miscalibration(), *, on_body: bool) -> None:
         """Prepare all that does not depend on the image.
 
         Args:
@@ -70,6 +72,7 @@ class Development:
             config: The image sensors.
             light: Of the first exposure.
             seed: Of all noise.
+            wrong: With the right camera of a pair.
             on_body: Whether the cameras move with the body of the rover.
         """
         self.sensor = SensorModel(lens.camera, config, lens.config)
@@ -78,7 +81,7 @@ class Development:
         self._blur = MotionBlur(lens.camera, config, image, on_body=on_body)
         # Only the sun itself is brighter than a white surface under the sun.
         self._lens = StrayLight(lens, image, light.sun.irradiance or math.inf)
-        self._chip = ImageSensor(camera, self.sensor, seed, self._padding)
+        self._chip = ImageSensor(camera, self.sensor, seed, self._padding, wrong)
         self.exposure_s = 0.0
         self.meter(light)
 

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.blooming import bloom
 from lunar_rover_sim.camera.config import CameraConfig, LensConfig, SensorConfig
-from lunar_rover_sim.camera.distorted_image import source_pixels
 from lunar_rover_sim.camera.encoding import has_colour
+from lunar_rover_sim.camera.miscalibration import Miscalibration
 from lunar_rover_sim.camera.mosaic import filtered
 from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array
@@ -151,7 +151,8 @@ class ImageSensor:
     """Turns radiance images into the pixels that the sensors of a pair put out."""
 
     def __init__(self, camera: DevelopedCamera, model: SensorModel, seed: int,
-                 padding: tuple[int, int] = (0, 0)) -> None:
+                 padding: tuple[int, int] = (0, 0),
+                 wrong: Miscalibration = Miscalibration()) -> None:
         """Draw the fixed patterns.
 
         Args:
@@ -159,15 +160,18 @@ class ImageSensor:
             model: Constants.
             seed: Of all noise.
             padding: Columns and rows of radiance beyond each edge of the image.
+            wrong: With the right camera.
         """
         self._model, self._seed = model, seed
         self._gain, self._offset = _patterns(camera, model.config, seed)
-        self._source = (source_pixels(model.camera) + padding if model.camera.distorted
-                        else None)
+        self._gain[1] *= np.float32(wrong.gain)
+        moved = model.camera.distorted or any(padding)
+        self._source = [each.source(model.camera) + padding if moved else None
+                        for each in (Miscalibration(), wrong)]
         # Magnifications of the red and the blue image, about the middle of the sensor.
         lateral = model.lens.lateral_colour if model.colour else 0.0
-        self._sources = [_magnified(camera, self._source, 1.0 + sign * lateral)
-                         for sign in (1, -1)] if lateral else []
+        self._sources = [[_magnified(camera, source, 1.0 + sign * lateral) for sign in (1, -1)]
+                         for source in self._source] if lateral else []
 
     def pixels(self, radiance: F32, side: int, exposure_s: float, frame_index: int,
                tint: Tint | None = None) -> NDArray[Any]:
@@ -187,15 +191,16 @@ class ImageSensor:
                                                   borderType=cv2.BORDER_REPLICATE), np.float32)
         collect = functools.partial(self._collected, radiance, side, exposure_s)
         if not model.colour:
-            electrons = collect(self._source, dark)
+            electrons = collect(self._source[side], dark)
         else:
-            green = collect(self._source, np.float32(0.0))
-            red, blue = ((collect(source, np.float32(0.0)) for source in self._sources)
+            source = self._source[side]
+            green = collect(source, np.float32(0.0))
+            red, blue = ((collect(shown, np.float32(0.0)) for shown in self._sources[side])
                          if self._sources else (green, green))
             tint = tint or Tint(np.zeros((*radiance.shape, 2), np.uint16), radiance)
             electrons = filtered(
                 red, green, blue, tint.codes, tint.own,
-                np.zeros((0, 0, 2), np.float32) if self._source is None else self._source,
+                np.zeros((0, 0, 2), np.float32) if source is None else source,
                 (model.bands[[0, 2]] / model.bands[1]).astype(np.float32), dark)
         if c.blooming > 0.0:    # charge runs along columns before it is read
             electrons = bloom(electrons, model.well_e, c.blooming).astype(np.float32)

@@ -315,7 +315,9 @@ def disparity_and_depth(rover: RoverData, report: CheckReport) -> None:
     elif not seen:
         report.add('disparity and depth', Status.FAIL, 'no pixel was matched in any frame')
     else:
-        _matching(seen, report)
+        # A pair that is out of adjustment by intent matches worse.
+        told = topics.MISCALIBRATION.name in rover.scan.topics
+        _matching(seen, report, Status.WARN if told else Status.FAIL)
     if np.median(matched) < MIN_MATCHED:
         report.add('matched share', Status.WARN, f'only {100 * np.median(matched):.0f} % of '
                    'the pixels in range were matched')
@@ -325,7 +327,7 @@ def disparity_and_depth(rover: RoverData, report: CheckReport) -> None:
         report.add('images', Status.FAIL, 'every left image is of one single grey')
 
 
-def _matching(seen: list[FrameError], report: CheckReport) -> None:
+def _matching(seen: list[FrameError], report: CheckReport, bad: Status) -> None:
     median, bias, shift, lag, scale, outliers = (
         float(np.median([getattr(e, name) for e in seen]))
         for name in ('median_px', 'bias_px', 'shift_px', 'lag_rows', 'scale', 'outliers'))
@@ -341,4 +343,4 @@ def _matching(seen: list[FrameError], report: CheckReport) -> None:
     report.verdict('disparity and depth', problems,
                    f'median error {median:.2f} px (signed {bias:+.3f}), shift {shift:+.2f} px, '
                    f'lag {lag:+.2f} rows, scale {1.0 + scale:.4f}, '
-                   f'{100 * outliers:.1f} % outliers')
+                   f'{100 * outliers:.1f} % outliers', bad)

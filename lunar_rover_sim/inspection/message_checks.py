@@ -25,7 +25,7 @@ from lunar_rover_sim.topics import DEPTH_FRAME, EVENT, FRAME, LATCHED, STATE, To
 # on request.
 OPTIONAL = tuple(topic.name for topic in (
     *MAY_BE_MISSING, topics.CMD_VEL, topics.DEPTH_INFO, topics.EXPOSURE, topics.SLAM_STATUS,
-    topics.LIDAR_SCANNED, topics.TRAVERSABILITY))
+    topics.LIDAR_SCANNED, topics.TRAVERSABILITY, topics.MISCALIBRATION))
 _MAX_BYTES = 1 << 20     # of world.yaml
 _VOLUME_M = 1e-5    # sum over all samples that rounding to float32 may leave
 

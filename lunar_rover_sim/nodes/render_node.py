@@ -5,15 +5,18 @@ from __future__ import annotations
 import collections
 from collections.abc import Sequence
 import dataclasses
+import json
 import time
 from typing import Any, NamedTuple
 
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
+from lunar_rover_sim.camera.miscalibration import Miscalibration
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
@@ -121,6 +124,11 @@ class RenderNode(node_main.GraphNode):
         self._sun = MovingSun(self, config, self._renderer)
         LabelPublisher(self, self._renderer.rocks, world.craters, world.hash,
                        rover.legs.names)
+        if not config.miscalibration.perfect:
+            told = json.dumps(Miscalibration.drawn(config.miscalibration, config.seed).told(
+                config.camera))
+            self.create_publisher(String, topics.MISCALIBRATION.name,
+                                  qos.offered(topics.MISCALIBRATION)).publish(String(data=told))
         refuse_other_worlds(self, config.world, world, config.lockstep)
         on_change(self, config, self._configure)
         Diagnostics(self, {'Frame rate': self._frame_rate_status, 'Drops': self._drops.status})

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.config import SensorConfig
 from lunar_rover_sim.camera.development import Development, Light, LitImage
-from lunar_rover_sim.camera.distorted_image import padding
 from lunar_rover_sim.camera.fisheye import FisheyeCamera
 from lunar_rover_sim.camera.image_geometry import PinholeImage
 from lunar_rover_sim.camera.lens import Lens
+from lunar_rover_sim.camera.miscalibration import margin, Miscalibration
 from lunar_rover_sim.camera.mount import Mount, TurnedMount
 from lunar_rover_sim.camera.rig import PinholeCamera
 from lunar_rover_sim.camera.sensor import SensorModel
@@ -53,7 +53,7 @@ class PinholeFace:
 
     def __init__(self, camera: PinholeCamera, config: RenderConfig) -> None:
         projection = padded_projection(camera, config)
-        self._pad = padding(config.camera)
+        self._pad = margin(config.camera, config.miscalibration)
         self.lens = Lens(config.lens, config.camera)
         self.image = PinholeImage(projection.K, projection.width, projection.height)
         self.turns, self.projections = (np.eye(3),), (projection,)
@@ -114,8 +114,9 @@ class CameraRenderer(GlOwner):
                 context, shared, TurnedMount(mount, turn), config, projection,
                 sees_rover=bool(seen), strays=self._strays_to(k), samples=faces.samples))
                 for k, (turn, projection) in enumerate(zip(faces.turns, faces.projections))]
-            self._development = Development(camera, faces.image, faces.lens, config.sensor,
-                                            light_of(config), seed, on_body=mount.on_body)
+            self._development = Development(
+                camera, faces.image, faces.lens, config.sensor, light_of(config), seed,
+                Miscalibration.drawn(config.miscalibration, seed), on_body=mount.on_body)
 
     def _seen_links(self) -> tuple[int, ...]:
         """Return the links of the rover that may be in view; all if the mount is not on it."""
@@ -270,7 +271,7 @@ def padded_projection(camera: PinholeCamera, config: RenderConfig) -> Projection
 
     A distorted image takes light from outside the pinhole image: it is drawn with a margin.
     """
-    pad = padding(config.camera)
+    pad = margin(config.camera, config.miscalibration)
     K = camera.K.copy()
     K[:2, 2] += pad
     return Projection(K, camera.width + 2 * pad[0], camera.height + 2 * pad[1],

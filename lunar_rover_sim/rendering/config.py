@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 
-from lunar_rover_sim.camera.config import CameraConfig, check_mosaic, LensConfig, SensorConfig
+from lunar_rover_sim.camera.config import (CameraConfig, check_mosaic, LensConfig,
+                                           MiscalibrationConfig, SensorConfig)
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.illumination.config import (EarthConfig, LampConfig, ReflectanceConfig,
                                                  SunConfig)
@@ -82,6 +83,7 @@ class RenderConfig(Parameters):
     """Everything about the image."""
 
     camera: CameraConfig = group(CameraConfig)
+    miscalibration: MiscalibrationConfig = group(MiscalibrationConfig)
     lens: LensConfig = group(LensConfig)
     sun: SunConfig = group(SunConfig)
     earth: EarthConfig = group(EarthConfig)

@@ -9,7 +9,7 @@ from types import TracebackType
 
 import moderngl
 
-from lunar_rover_sim.camera.config import FurtherCameraConfig, SensorConfig
+from lunar_rover_sim.camera.config import FurtherCameraConfig, MiscalibrationConfig, SensorConfig
 from lunar_rover_sim.camera.fisheye import FisheyeCamera, geometry_of
 from lunar_rover_sim.camera.mount import BodyMount, Mount
 from lunar_rover_sim.camera.rig import PinholeCamera, StereoRig
@@ -104,7 +104,7 @@ class Renderer:
         self._check_open()
         self._check_one_under_way('add_camera')
         own = dataclasses.replace(self.config, camera=config.camera, lens=config.lens,
-                                  sensor=config.sensor,
+                                  sensor=config.sensor, miscalibration=MiscalibrationConfig(),
                                   detail=self.config.detail.with_samples(samples))
         seed = self.seed + len(self._further) + 1 if seed is None else seed
         camera = geometry_of(config)

@@ -41,6 +41,7 @@ _IMAGE = 'sensor_msgs/msg/Image'
 _CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 README_FILE = 'README.txt'
 EXPOSURE_FILE = 'exposures.csv'
+MISCALIBRATION_FILE = 'miscalibration.json'     # truth, which calibration.yaml does not know
 _LATEST_EPOCH_NS = 9_000_000_000 * NS_PER_S     # with a drive of years it still is an int64
 _EVERY_DEPTH = ' (render_node.depth_every=1 records it with every image)'
 
@@ -88,6 +89,9 @@ def export(path: Path | str, output: Path | str, kind: str = 'euroc',
                 calibration_yaml(sequence.suite, kind, sequence.depth, sequence.further,
                                  sequence.T_base_lidar),
                 encoding='utf-8')
+            if bag.count(topics.MISCALIBRATION.name):
+                (folder / MISCALIBRATION_FILE).write_text(
+                    bag.first(topics.MISCALIBRATION.name).data + '\n', encoding='utf-8')
             (folder / README_FILE).write_text(_readme(bag, sequence, kind), encoding='utf-8')
         folder.rename(output)
     return [f'{output}: {notes[0]}', *notes[1:]]

@@ -58,6 +58,7 @@ NOT_SHOWN = {
     'map/grid_map': 'of grid_map_msgs, which needs a plugin; the same is shown as a cloud',
     'navigator/finished': 'a stamp, at which a run ends',
     'pose_bridge/shown': 'a stamp, by which lockstep waits',
+    'ground_truth/miscalibration': 'a text',
     'teleport': 'a request to another simulator',
     'pose_bridge/joint_states': 'joint_states, for another simulator'}
 NOT_IN_FOXGLOVE = {**NOT_SHOWN, **dict.fromkeys(COLOURS, 'a script makes them of the floats')}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import QoSProfile  # noqa: E402
 from sensor_msgs.msg import CameraInfo, CompressedImage, JointState, PointCloud2  # noqa: E402
 from sensor_msgs.msg import Image  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
 from stereo_msgs.msg import DisparityImage  # noqa: E402
 from waiting import wait_until  # noqa: E402
 
@@ -201,7 +203,6 @@ def test_a_render_node_from_its_first_pose_to_another_world(peer: Peer,
     image alone nothing else is drawn; a late reader is served. Where physics turns out to walk on
     another world, the node ends and says so.
     """
-    from std_msgs.msg import String
 
     from lunar_rover_sim import topics
     from lunar_rover_sim.nodes import qos
@@ -300,10 +301,14 @@ def test_light_exposure_and_rates_change_while_it_runs(peer: Peer, world_folder:
 
     with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA,
                  '-p', 'sensor.exposure_mode:=fixed', '-p', 'sensor.exposure_s:=0.002',
-                 '-p', 'sensor.companding:=linear', '-p', 'sun.elevation_deg:=5.0'):
+                 '-p', 'sensor.companding:=linear', '-p', 'sun.elevation_deg:=5.0',
+                 '-p', 'miscalibration.gain_percent:=5.0'):
         before = brightness()
         suns = peer.echo(Vector3Stamped, 'sun')
         peer.spin_until(lambda: len(suns) == 1)
+        told = peer.echo(String, 'ground_truth/miscalibration')
+        peer.spin_until(lambda: len(told) == 1)
+        assert abs(json.loads(told[0].data)['gain'] - 1.0) <= 0.05
         exposures = peer.listen(JointState, 'stereo/exposure', 10)
         assert put(sensor__exposure_s=0.004) == [(True, '')]
         assert brightness() > 1.3 * before
