@@ -89,6 +89,7 @@ def _add_sun(found: Mask, image: U8) -> bool:
             continue
         near = cv2.dilate((parts == k).astype(np.uint8), disc) > 0
         if found[near & (parts != k)].mean() > _BESIDE_SKY:
-            found |= near
+            # So is all above the sun.
+            found |= np.logical_or.accumulate(near[::-1], axis=0)[::-1]
             there = True
     return there

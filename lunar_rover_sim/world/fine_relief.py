@@ -16,12 +16,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.world.config import CraterConfig
+from lunar_rover_sim.world.crater_profile import profile_table, RADII, REACH
+
 F32 = NDArray[np.float32]
 
-RECIPE = 3              # rises with every change of what `relief` returns
+RECIPE = 4              # rises with every change of what `relief` returns
 SPREAD = 1.8            # a uniform distribution has 3**0.5
 _SALIENCE_TEXELS = 5    # over which salience is smoothed
 _RISE_TEXELS = 128      # as far as `rises` looks
+# Fresh craters in weak soil are 0.1 to 0.2 diameters deep (Sun, Yue and Di, Icarus 309, 2018).
+_PITS = CraterConfig(fresh_depth=0.15, fresh_rim=0.03)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +58,7 @@ def relief(recipe: TileRecipe, rng: np.random.Generator) -> F32:
     height = _fractal(recipe, rng)
     if recipe.pit_cover > 0.0:
         for x, y, d in _population(recipe.pit_cover, recipe.pit_m, recipe.period_m, rng):
-            _pit(height, texel, x, y, d, float(rng.beta(1.2, 2.0)))
+            _pit(height, texel, x, y, d, float(rng.random()))
     if recipe.pebble_cover > 0.0:
         top = np.zeros((n, n), np.float32)
         for x, y, d in _population(recipe.pebble_cover, recipe.pebble_m, recipe.period_m, rng):
@@ -279,15 +284,16 @@ def _window(n: int, texel: float, x: float, y: float, radius: float) -> tuple[An
     return at, dx[None, :], dy[:, None]
 
 
-def _pit(height: F32, texel: float, x: float, y: float, diameter: float, fresh: float) -> None:
-    """Add a small crater: a bowl with a raised rim, softer with age."""
+def _pit(height: F32, texel: float, x: float, y: float, diameter: float, age: float) -> None:
+    """Add a small crater, as `crater_profile` has it at an age [lifetimes].
+
+    In equilibrium ages are uniform (Fassett and Thomson, J. Geophys. Res. Planets 119, 2014): a
+    tenth have a crisp rim, half are shallow bowls without one.
+    """
     radius = 0.5 * diameter
-    at, dx, dy = _window(height.shape[0], texel, x, y, 2.2 * radius)
-    r = np.hypot(dx, dy) / radius
-    depth = (0.05 + 0.12 * fresh) * diameter
-    bowl = -depth * np.exp(-(r / 0.75)**(2.0 + 2.0 * fresh))
-    rim = 0.22 * depth * np.exp(-((r - 1.05) / 0.33)**2)
-    height[at] += bowl + rim
+    at, dx, dy = _window(height.shape[0], texel, x, y, REACH * radius)
+    profile = profile_table(_PITS).at(age)
+    height[at] += diameter * np.interp(np.hypot(dx, dy) / radius, RADII, profile)
 
 
 def _pebble(top: F32, texel: float, x: float, y: float, diameter: float,

