@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import worlds
 
+from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import ConfigError, StudyError
 from lunar_rover_sim.evaluation.true_surface import TrueSurface
 from lunar_rover_sim.navigation.navigator import ARRIVED
@@ -125,3 +126,13 @@ def test_goals_are_around_the_start_and_the_own_one_of_a_scenario_counts():
     # The way is that from the start: the straight one is free.
     drive = drive_to(away, world, (-2.0, -1.0), KNOWN, limit_s=1.0)
     assert drive.shortest_m == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.parametrize('pose, line', [
+    ('orb', "--poses: 'orb' is not valid; valid are truth, wheels, reference, slam, drift=SHARE"),
+    ('slam', '--poses slam: needs the program, --set slam_node.command="PROGRAM ARGUMENTS"')])
+def test_a_pose_that_cannot_be_had_is_refused_before_anything_is_driven(pose, line, capsys,
+                                                                        tmp_path):
+    assert main(['validate', 'navigation', '--poses', pose, '-o', str(tmp_path / 'study')]) == 1
+    assert line in capsys.readouterr().err
+    assert not (tmp_path / 'study').exists()
