@@ -24,7 +24,6 @@ from lunar_rover_sim.rover.pose import RoverPose  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 from lunar_rover_sim.stereo.depth import disparity_from_depth  # noqa: E402
 from lunar_rover_sim.stereo.error import stereo_errors  # noqa: E402
-from lunar_rover_sim.stereo.sgm import SgmMatcher  # noqa: E402
 
 _PLACES_M = (1.5, -1.0), (-2.0, 2.5)
 
@@ -32,7 +31,7 @@ _PLACES_M = (1.5, -1.0), (-2.0, 2.5)
 def show(name: str, seed: int, elevation_deg: float) -> None:
     """Print the rows of a scenario."""
     scenario = Scenario.load(name, [f'render_node.sun.elevation_deg={elevation_deg}'], seed=seed)
-    world, matcher = scenario.load_world(), SgmMatcher.from_scenario(scenario)
+    world, matcher = scenario.load_world(), scenario.matcher()
     with scenario.renderer(world) as renderer:
         for direction, turn_deg in DIRECTIONS_DEG.items():
             for number, (x, y) in enumerate(_PLACES_M):
