@@ -1,7 +1,6 @@
 """A PyTorch data set over shards: left image, true depth and labels of each stereo frame.
 
-Shards come from a bag (`lunar_rover_sim bag export BAG -o shards --format webdataset`) or from a
-whole data set (`lunar_rover_sim dataset shards`). Start it with the folder of the shards.
+Start it with a folder of `bag export BAG -o shards --format webdataset` or `dataset shards`.
 """
 
 from collections.abc import Iterator
@@ -23,12 +22,13 @@ class Shards(IterableDataset):
     """Yields (image (1, h, w) float32 from 0 to 1, depth (h, w) float32 [m], 0 for the sky)."""
 
     def __init__(self, folder: Path):
-        self._shards = sorted(Path(folder).glob('*.tar'))
+        self._tars = sorted(Path(folder).glob('*.tar'))
+        if not self._tars:
+            raise FileNotFoundError(f'{folder}: there are no shards (*.tar)')
 
     def __iter__(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         worker = get_worker_info()
-        mine = self._shards if worker is None else self._shards[worker.id::worker.num_workers]
-        for shard in mine:
+        for shard in self._tars if worker is None else self._tars[worker.id::worker.num_workers]:
             with tarfile.open(shard) as tar:
                 key, image, depth_m = None, None, None
                 for member in tar:      # the files of a sample lie together
@@ -49,9 +49,9 @@ class Shards(IterableDataset):
 def main(folder: Path, batch: int = 4) -> int:
     """Print the shape of each batch, or sample without PyTorch; return how many there are."""
     data, count = Shards(folder), 0
-    for image, depth_m in data if DataLoader is None else DataLoader(data, batch_size=batch):
+    batches = data if DataLoader is None else DataLoader(data, batch_size=batch)
+    for count, (image, depth_m) in enumerate(batches, 1):
         print(tuple(image.shape), f'depth up to {float(depth_m.max()):.1f} m')
-        count += 1
     return count
 
 

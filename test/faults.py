@@ -173,7 +173,9 @@ def shout(faults: list[Fault], folder: Path, world: Path) -> None:
                 fault.took_s = time.monotonic() - sent
                 run.judge_time(fault)
             node.destroy_node()
-        if not trouble and run.process.poll() is None:
+        if trouble:
+            return
+        if run.process.poll() is None:
             run.process.send_signal(signal.SIGINT)
         status, said = run.finish(END_S)
         for fault in faults:

@@ -16,7 +16,7 @@ from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.diagnostics import Drops
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import GraphNode
-from lunar_rover_sim.run.lockstep import StampGate, STARTED_NS
+from lunar_rover_sim.run.lockstep import machine_slowness, StampGate, STARTED_NS
 from lunar_rover_sim.run.node_state import (ANSWERS, is_supervised, NodeState, PUBLISHERS, tell,
                                             WAITING)
 from lunar_rover_sim.run.shared_config import WaitConfig
@@ -97,9 +97,10 @@ class LockstepListener:
 
     def check_publishers(self) -> None:
         """Raise GraphError, naming the topics, if publishers are overdue [wall time]."""
-        overdue = time.monotonic() - self._last_progress_s > self._wait.start_s
+        limit_s = self._start_limit_s()
+        overdue = time.monotonic() - self._last_progress_s > limit_s
         if self._without_publisher and overdue:
-            text = (f'no publisher for {self._wait.start_s:g} s on '
+            text = (f'no publisher for {limit_s:.3g} s on '
                     + ', '.join(self._without_publisher))
             tell(NodeState(WAITING, text, PUBLISHERS, tuple(self._without_publisher)))
             raise GraphError(text)
@@ -122,7 +123,7 @@ class LockstepListener:
                       for topic in missing)
         if now_ns <= STARTED_NS and not self._relays.isdisjoint(missing):
             started = False
-        limit_s = self._wait.silence_s if started else self._wait.start_s
+        limit_s = self._wait.silence_s if started else self._start_limit_s()
         waited_s = time.monotonic() - self._last_progress_s
         if waited_s >= limit_s:
             raise GraphError(self._describe_silence(limit_s, now_ns, missing))
@@ -139,11 +140,15 @@ class LockstepListener:
                 self._node.get_logger().warning(text)
             self._has_warned = True
 
+    def _start_limit_s(self) -> float:
+        """Return how long others may take to start: in a run, longer on a busy machine."""
+        return self._wait.start_s * (machine_slowness() if is_supervised() else 1.0)
+
     def _describe_silence(self, waited_s: float, now_ns: int, missing: Mapping[str, int]) -> str:
         silent = '; '.join(f'{topic} (from {self._publishers(topic)}, last stamp {ns / 1e9:.3f} s'
                            + (f', {self._refused[topic]} refused)' if topic in self._refused
                               else ')') for topic, ns in missing.items())
-        return (f'no answer for {waited_s:g} s at {now_ns / 1e9:.3f} s of simulated time on '
+        return (f'no answer for {waited_s:.3g} s at {now_ns / 1e9:.3f} s of simulated time on '
                 f'{silent}')
 
     def _publishers(self, topic: str) -> str:

@@ -8,11 +8,21 @@ that it shows.
 from __future__ import annotations
 
 from collections.abc import Mapping
+import os
 
 from lunar_rover_sim.seconds import NS_PER_S
 
 # Longer than the lag of any participant: after this simulated time all have answered.
 STARTED_NS = NS_PER_S
+
+
+def machine_slowness() -> float:
+    """Return how many times longer work takes now than on an idle machine, by its load; >= 1.
+
+    The load is the mean number of threads, over a minute, that run, want a core or wait for a
+    disk.
+    """
+    return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
 class StampGate:

@@ -18,7 +18,7 @@ from lunar_rover_sim.errors import ConfigError, did_you_mean, GraphError
 from lunar_rover_sim.files.paths import check_new_folder
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.conditions import differences, ground_conditions
-from lunar_rover_sim.run.lockstep import STARTED_NS
+from lunar_rover_sim.run.lockstep import machine_slowness, STARTED_NS
 from lunar_rover_sim.run.node_processes import Looks, NodeLogs, NodeProcesses
 from lunar_rover_sim.run.plan import awaits_others, BAG_FOLDER, prepare, resolve
 from lunar_rover_sim.run.publication import silent_topics
@@ -43,7 +43,8 @@ class Limits:
 
     Attributes:
         silence_s: During the run; None where time may stand still (paused, real time).
-        start_s: In its first simulated second, where time waits for the slowest node to start.
+        start_s: In its first simulated second, where time waits for the slowest node to start; on
+            an idle machine, times `machine_slowness` on a busy one.
         idle_s: During the run, where no node works or one is suspended.
         others: Whether programs take part that the run has not started, whose work cannot be seen.
         end_ns: Simulated time at which physics finishes [ns]; 0 for never.
@@ -75,6 +76,8 @@ class Limits:
                 limit_s = self.idle_s
             elif now_ns <= STARTED_NS:
                 limit_s = self.start_s
+                if limit_s is not None and not idle:    # they load, compile, or wait for a core
+                    limit_s *= machine_slowness()
         if limit_s is not None and 0 < self.end_ns <= now_ns:
             limit_s += _LEAVE_S
         return limit_s

@@ -21,6 +21,7 @@ from types import TracebackType
 from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError, GraphError, with_extra
 from lunar_rover_sim.files.paths import config_path, lock
+from lunar_rover_sim.run.lockstep import machine_slowness
 
 _ENVIRONMENT = {
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
@@ -75,14 +76,15 @@ def check_domain(domain: int, topics: Sequence[str]) -> None:
 
     It takes some seconds: a node that does not answer discovery within 4 s counts as absent.
     """
+    limit_s = _PROBE_S * machine_slowness()
     try:
         found = subprocess.run(
             [sys.executable, '-m', 'lunar_rover_sim.nodes.domain_probe', *topics],
             env=ros_environment(domain), stdin=subprocess.DEVNULL, capture_output=True, text=True,
-            timeout=_PROBE_S)
+            timeout=limit_s)
     except subprocess.TimeoutExpired:
         raise GraphError(f'--domain {domain}: who publishes there could not be found out within '
-                         f'{_PROBE_S:g} s') from None
+                         f'{limit_s:.3g} s') from None
     if found.returncode not in (0, -signal.SIGALRM):    # the latter: it could not leave the graph
         raise GraphError(f'--domain {domain}: who publishes there could not be found out: '
                          f'{_last_line(found.stderr)}')

@@ -138,6 +138,8 @@ def test_pytorch_shards(tmp_path: Path) -> None:
         np.testing.assert_array_equal(np.round(255 * image[0]), frame.left)
         known = np.isfinite(frame.depth_m)
         np.testing.assert_array_equal(depth_m[known], frame.depth_m[known])
+    with pytest.raises(FileNotFoundError, match='there are no shards'):
+        module.main(tmp_path / 'bag')
     assert module.main(tmp_path / 'shards') == (5 if module.DataLoader is None else 2)
 
 

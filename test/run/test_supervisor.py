@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 from pathlib import Path
 import subprocess
 import sys
@@ -102,6 +104,18 @@ def test_programs_that_the_run_has_not_started_are_given_their_time() -> None:
                'gait_controller_node.wait.topics=[cmd_vel]',
                'gait_controller_node.wait.lags_s=[0.05]']
     assert Limits.of(resolve(Scenario.load('flat', steered))).others
+
+
+@pytest.mark.parametrize(('load', 'work_s', 'starts'), [(1.0, 1e9, False), (8.0, 1e9, True),
+                                                        (8.0, 0.0, False)])
+def test_a_busy_machine_gets_more_time_to_start(monkeypatch: pytest.MonkeyPatch, load: float,
+                                                work_s: float, starts: bool) -> None:
+    """As much as its load is above its cores; not where no node works."""
+    monkeypatch.setattr(os, 'getloadavg', lambda: (load * (os.cpu_count() or 1), 0.0, 0.0))
+    monkeypatch.setattr(Clock, 'now_ns', lambda _: 0)
+    limits, nodes = Limits(silence_s=0.5, start_s=0.5, end_ns=0), Nodes(work_s, finish_s=1.5)
+    with contextlib.nullcontext() if starts else pytest.raises(GraphError):
+        assert watch(nodes, limits)
 
 
 def test_a_limit_below_that_of_idle_nodes_holds_for_them_too() -> None:
