@@ -12,8 +12,10 @@ def bloom(electrons: NDArray[np.floating], well_e: float, share: float) -> NDArr
     Half of what a pixel cannot hold runs either way into the next pixels with room. Charge that
     reaches the end of a column leaves it; all else is conserved.
 
-    electrons: (h, w) charge before; well_e: what a pixel holds; share: of the charge beyond the
-    well that runs, the rest is drained
+    Args:
+        electrons: (h, w) charge before.
+        well_e: What a pixel holds.
+        share: Of the charge beyond the well that runs, the rest is drained.
     """
     result = np.array(electrons, dtype=float)
     columns = np.flatnonzero((result > well_e).any(axis=0))

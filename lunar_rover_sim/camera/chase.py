@@ -92,7 +92,8 @@ class ChaseConfig(FurtherCameraConfig):
 def tripod_problem(position_m: Sequence[float], world: World) -> str:
     """Return why no tripod can stand there, with what is valid; '' where it can.
 
-    position_m: x and y in the world, height above the ground [m]
+    Args:
+        position_m: x and y in the world, height above the ground [m].
     """
     x, y, height = position_m
     if height <= 0.0:

@@ -19,9 +19,13 @@ from lunar_rover_sim.errors import RenderError
 def compressed(pixels: NDArray[Any], config: CompressionConfig) -> tuple[str, bytes]:
     """Return the `format` of a sensor_msgs/CompressedImage, and the file.
 
-    pixels: (h, w) uint8 or uint16, or (h, w, 3) uint8 in the order red, green, blue
     JPEG has 8 bits: mono16 is multiplied by 255 / 65535, as cv_bridge does.
-    Raises RenderError if OpenCV cannot compress the image.
+
+    Args:
+        pixels: (h, w) uint8 or uint16, or (h, w, 3) uint8 in the order red, green, blue.
+
+    Raises:
+        RenderError: If OpenCV cannot compress the image.
     """
     encoding, colour = encoding_of(pixels), pixels.ndim == 3
     if colour:

@@ -53,7 +53,8 @@ def undistort(xy: ArrayLike, distortion: ArrayLike) -> Array:
 def is_invertible(distortion: ArrayLike, half_width: float, half_height: float) -> bool:
     """Return whether the distortion maps one to one over an image.
 
-    half_width, half_height: distance from the centre to the edges, normalised coordinates
+    Args:
+        half_width, half_height: Distance from the centre to the edges, normalised coordinates.
     """
     u, v = np.meshgrid(np.linspace(-half_width, half_width, 41),
                        np.linspace(-half_height, half_height, 31))

@@ -58,7 +58,9 @@ class AutoExposure:
     most 0.8 of full scale, and the 99.7th one is kept below full scale. Only ground counts: no
     sky, rocks and rover, as if a camera's region of interest followed the scene.
 
-    exposure_s: exposure time of the next frame [s]; started: whether `start` was called
+    Attributes:
+        exposure_s: Exposure time of the next frame [s].
+        started: Whether `start` was called.
     """
 
     def __init__(self, sensor: SensorModel) -> None:

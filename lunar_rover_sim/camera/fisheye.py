@@ -21,10 +21,13 @@ class FisheyeCamera:
     Pixel coordinates follow OpenCV and ROS: the centre of the upper left pixel is (0, 0).
 
     distortion_model: as CameraInfo names it
-    K: (3, 3) focal length and principal point [px]
-    D: (4,) coefficients k1, k2, k3, k4, see `equidistant`
-    R: (3, 3) rectification, the identity; P_left: (3, 4) K of its optical frame
-    limit_rad: angle to the axis beyond which no light arrives
+
+    Attributes:
+        K: (3, 3) focal length and principal point [px].
+        D: (4,) coefficients k1, k2, k3, k4, see `equidistant`.
+        R: (3, 3) rectification, the identity.
+        P_left: (3, 4) K of its optical frame.
+        limit_rad: Angle to the axis beyond which no light arrives.
     """
 
     distortion_model = 'equidistant'

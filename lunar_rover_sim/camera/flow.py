@@ -25,7 +25,9 @@ Mask = NDArray[np.bool_]
 class Moved:
     """A rigid body in an image, and where it was or will be when the other image was taken.
 
-    mask: (h, w) where it is seen; T_world_body, T_world_body_other: (4, 4)
+    Attributes:
+        mask: (h, w) where it is seen.
+        T_world_body, T_world_body_other: (4, 4).
     """
 
     mask: Mask

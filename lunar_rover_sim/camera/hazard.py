@@ -104,7 +104,9 @@ class HazardConfig(FurtherCameraConfig):
 class HazardRig:
     """A hazard camera, or a pair of them, on the rover.
 
-    T_base_left, T_base_right: (4, 4) optical frames in base_link; of one camera, twice the same
+    Attributes:
+        T_base_left, T_base_right: (4, 4) optical frames in base_link; of one camera, twice the
+            same.
     """
 
     def __init__(self, config: HazardConfig) -> None:

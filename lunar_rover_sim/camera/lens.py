@@ -129,7 +129,8 @@ class Glare:
     def of(self, irradiance: NDArray[np.floating]) -> Array:
         """Return the irradiance (k, rows + 1, columns + 1) that arrives astray at corners.
 
-        irradiance: (k, rows, columns) mean radiance of the cells of k images, times cos^4
+        Args:
+            irradiance: (k, rows, columns) mean radiance of the cells of k images, times cos^4.
         """
         spectrum = np.fft.rfft2(irradiance, s=self._padded) * self._kernel
         scattered = np.fft.irfft2(spectrum, s=self._padded)

@@ -15,7 +15,9 @@ from lunar_rover_sim.rover.pose import Posed
 class CameraTwist:
     """The motion of a camera relative to a rigid body, in the optical axes of the camera.
 
-    linear_velocity_mps: (3,) of the camera's centre; angular_velocity_radps: (3,)
+    Attributes:
+        linear_velocity_mps: (3,) of the camera's centre.
+        angular_velocity_radps: (3,).
     """
 
     linear_velocity_mps: Array
@@ -24,7 +26,9 @@ class CameraTwist:
     def image_speed(self, rays: Array, nearness: Array) -> Array:
         """Return the (n,) speeds in the image of points, over the focal length [1/s].
 
-        rays: (n, 3), of depth 1; nearness: (n,) inverse depths [1/m]
+        Args:
+            rays: (n, 3), of depth 1.
+            nearness: (n,) inverse depths [1/m].
         """
         swing = np.cross(self.angular_velocity_radps, rays)
         speed = swing + self.linear_velocity_mps * nearness[:, None]
@@ -56,8 +60,9 @@ def twist_beside(state: Posed, T_world_camera: Array, velocity_mps: Array, rate_
                  rover: RoverDescription) -> list[CameraTwist]:
     """Return the motion of a camera beside the rover relative to its body and its legs.
 
-    T_world_camera: (4, 4) of the optical frame; velocity_mps, rate_radps: (3,) of the camera,
-    world axes
+    Args:
+        T_world_camera: (4, 4) of the optical frame.
+        velocity_mps, rate_radps: (3,) of the camera, world axes.
     """
     R, centre = T_world_camera[:3, :3], T_world_camera[:3, 3]
     base = state.T_world_base

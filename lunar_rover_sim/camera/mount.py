@@ -76,7 +76,8 @@ class BodyMount:
 class MovingMount:
     """A camera beside the rover, as `place` says; at first at the origin of the world.
 
-    T_world_camera: (4, 4) pose of its optical frame
+    Attributes:
+        T_world_camera: (4, 4) pose of its optical frame.
     """
 
     on_body = False

@@ -84,7 +84,9 @@ def _cut(before, after):  # type: ignore[no-untyped-def]
 def _follow(depth, r, c, dr, dc, step_r, step_c, limit):  # type: ignore[no-untyped-def]
     """Return how many pixels the outline goes on straight, and 1 if it falls off there, or 0.
 
-    dr, dc: step across the outline; step_r, step_c: step along it
+    Args:
+        dr, dc: Step across the outline.
+        step_r, step_c: Step along it.
     """
     farthest = 24
     h, w = depth.shape

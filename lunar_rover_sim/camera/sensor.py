@@ -234,7 +234,8 @@ class ImageSensor:
 def _magnified(camera: DevelopedCamera, source: Array | None, scale: float) -> Array:
     """Return where in the drawn image the pixels of one larger by `scale` show.
 
-    source: (h, w, 2) places of the pixels of the image itself; None: they are the same
+    Args:
+        source: (h, w, 2) places of the pixels of the image itself; None: they are the same.
     """
     places = np.stack(np.meshgrid(np.arange(camera.width, dtype=float),
                                   np.arange(camera.height, dtype=float)), axis=-1)
@@ -296,8 +297,10 @@ def _resampled(image, source):  # type: ignore[no-untyped-def]
 def _collected(radiance, gain, spread, sensitivity, dark):  # type: ignore[no-untyped-def]
     """Return the electrons of each pixel, after the point spread.
 
-    spread: weight of each direct neighbour, over that of the pixel; sensitivity: electrons per
-    radiance on the axis; dark: dark signal [e-]
+    Args:
+        spread: Weight of each direct neighbour, over that of the pixel.
+        sensitivity: Electrons per radiance on the axis.
+        dark: Dark signal [e-].
     """
     h, w = radiance.shape
     result = np.empty((h, w), np.float32)
@@ -324,12 +327,18 @@ def _convert(electrons, offset, normal, key, shot, read2, well,  # type: ignore[
              converter, balanced, balance, root, most, scale, result):
     """Add noise, and convert electrons to the numbers of the output.
 
-    normal: equally probable samples; key: of the noise of this image; shot: 0 or 1; read2: square
-    of the read noise [e-^2]; well: electrons that a pixel holds; converter: numbers per electron,
-    black level, largest number; balanced: whether the signal is multiplied by the (2, 2) gains
-    `balance` of rows and columns, as digital numbers; root: whether the output is the root of the
-    signal; most: largest number of the output; scale: numbers of the output per number of the
-    converter
+    Args:
+        normal: Equally probable samples.
+        key: Of the noise of this image.
+        shot: 0 or 1.
+        read2: Square of the read noise [e-^2].
+        well: Electrons that a pixel holds.
+        converter: Numbers per electron, black level, largest number.
+        balanced: Whether the signal is multiplied by the (2, 2) gains `balance` of rows and
+            columns, as digital numbers.
+        root: Whether the output is the root of the signal.
+        most: Largest number of the output.
+        scale: Numbers of the output per number of the converter.
     """
     h, w = electrons.shape
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)

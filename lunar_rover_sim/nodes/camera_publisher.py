@@ -286,7 +286,8 @@ class LabelPublisher:
                  legs: Sequence[str]) -> None:
         """Wait for readers; rocks: near and far ones, in the order of their labels.
 
-        legs: names of those of the rover
+        Args:
+            legs: Names of those of the rover.
         """
         self._node = node
         self._publishers: dict[str, Any] = {}

@@ -60,7 +60,8 @@ class PurePursuit:
                lookahead_m: float | None = None) -> Steering:
         """Return the steering at a position ((2,) or (3,), odom [m]) and heading [rad].
 
-        lookahead_m: instead of that of the configuration
+        Args:
+            lookahead_m: Instead of that of the configuration.
         """
         config, route = self._config, self._route
         ahead = config.lookahead_m if lookahead_m is None else lookahead_m
