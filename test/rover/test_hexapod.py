@@ -125,6 +125,19 @@ def test_it_stands_walks_at_the_commanded_speed_and_turns():
     assert counted(turned, 'quad')[2] < 0.6 * turns < told[1][2] < turns
 
 
+def test_it_turns_as_commanded_on_soil():
+    """With its own table of `highland`; that of rigid ground gives half of this yaw rate."""
+    scenario = Scenario.load('flat', ['physics_node.ground.model=regolith',
+                                      'physics_node.ground.preset=highland'], rover='hexapod')
+    controller = scenario.gait_controller()
+    assert controller.calibration.conditions['ground'] == 'highland'
+    with scenario.simulation(flat_world(4.0)) as simulation:
+        curve = walk(simulation, controller, 9.0, lambda gait, stamp_ns: gait.set_velocity(
+            0.12, 0.1, stamp_ns))
+    forward, yaw_rate = curve.mean_velocity(3.0, 9.0)
+    assert forward == pytest.approx(0.12, abs=0.015) and yaw_rate == pytest.approx(0.1, abs=0.025)
+
+
 def counted(drive: Walk, rover: str) -> np.ndarray:
     """Return x, y [m] and yaw [rad] that the encoders tell, with the scales of a rover."""
     config = WheelOdometryConfig()
