@@ -138,7 +138,8 @@ def test_a_ground_has_its_own_packaged_map_or_that_of_rigid_ground():
     assert GaitCalibration.of(GaitConfig(calibration='rigid'), 'highland') == \
         GaitCalibration.load(PACKAGED)
     with pytest.raises(ConfigError, match='calibration: highlnd cannot be read: .*, or name a '
-                                          'packaged one: hexapod_highland, hexapod_rigid, highland, rigid$'):
+                                          'packaged one: hexapod_highland, hexapod_rigid, '
+                                          'highland, rigid$'):
         GaitCalibration.of(GaitConfig(calibration='highlnd'))
 
 
