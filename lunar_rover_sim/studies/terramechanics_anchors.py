@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.regolith.config import GroundConfig, REGOLITH
@@ -99,10 +100,10 @@ def simulated(settings: WalkSettings) -> list[Anchor]:
     for name in LUNAR:
         limit = math.degrees(math.atan(PRESETS[name].friction))
         found.append(Anchor(f'creep at {limit - 3.0:.0f}°, {name}',
-                            _slide_mmps(settings, name, limit - 3.0), 0.0, 0.05, 'mm/s',
+                            slide_mmps(settings, name, limit - 3.0), 0.0, 0.05, 'mm/s',
                             'Coulomb'))
         found.append(Anchor(f'slide at {limit + 3.0:.0f}°, {name}',
-                            _slide_mmps(settings, name, limit + 3.0), 20.0, math.inf, 'mm/s',
+                            slide_mmps(settings, name, limit + 3.0), 20.0, math.inf, 'mm/s',
                             'Coulomb'))
     # Time steps in proportion to the time of a fall, about sqrt(1 / g).
     moon, earth = (_rest_m(settings, 'highland', g, step_s)
@@ -161,13 +162,21 @@ def _energy_depth_m(settings: WalkSettings, name: str) -> float:
     return float(z[np.argmax(work > load * (z + DROP_M))])
 
 
-def _slide_mmps(settings: WalkSettings, name: str, slope_deg: float) -> float:
-    """Return the mean speed in the fourth second of a rover across a slope, legs held."""
+def slide_mmps(settings: WalkSettings, name: str, slope_deg: float) -> float:
+    """Return the mean speed in the fourth second of a rover across a slope, legs held.
+
+    It is infinite where the rover tumbles before.
+    """
     physics = dataclasses.replace(settings.physics, start=StartPose(yaw_deg=90.0, settle_s=3.0))
-    with _simulation(settings, physics, name, slope_deg) as simulation:
-        before = simulation.state.position_m
-        after = simulation.advance(round(1.0 / settings.physics.step_s)).position_m
-        return 1e3 * float(np.linalg.norm(after - before))
+    try:
+        with _simulation(settings, physics, name, slope_deg) as simulation:
+            before = simulation.state.position_m
+            after = simulation.advance(round(1.0 / settings.physics.step_s)).position_m
+            return 1e3 * float(np.linalg.norm(after - before))
+    except ConfigError as error:
+        if 'does not stand' not in str(error):
+            raise
+        return math.inf
 
 
 def _rest_m(settings: WalkSettings, name: str, gravity_mps2: float, step_s: float) -> float:

@@ -10,7 +10,7 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.regolith.soil import PRESETS
 from lunar_rover_sim.studies import sandbot, terramechanics_report
 from lunar_rover_sim.studies.terramechanics import Ground, GroundWalk, measure, WalkSettings
-from lunar_rover_sim.studies.terramechanics_anchors import Anchor, compared, plates
+from lunar_rover_sim.studies.terramechanics_anchors import Anchor, compared, plates, slide_mmps
 
 
 def settings(duration_s=4.5):
@@ -35,6 +35,10 @@ def test_more_pull_than_friction_drags_the_rover_back(tmp_path):
     assert '| highland_loose | 0 | 1.2 | ' in text
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         'sandbot.png', 'terramechanics.csv', 'terramechanics.md', 'terramechanics.png']
+
+
+def test_a_rover_that_tumbles_slides_without_end():
+    assert slide_mmps(settings(), 'highland_dense', 58.0) == math.inf
 
 
 def test_plates_hold():
