@@ -197,7 +197,7 @@ def test_pebbles_cast_shadows_under_the_lamp():
     points, radiance, lamp = under_the_lamp(2.5)
     heights = Heights(1)
     away = np.hypot(*(points[..., :2] - lamp[:2]).transpose(2, 0, 1))
-    near = np.nonzero((away > 0.6) & (away < 1.4) & np.isfinite(away))
+    near = some((away > 0.6) & (away < 1.4) & np.isfinite(away))
     place = points[near]
     ground = heights(place[:, :2])
     beside, higher = lamp + (0.0, 1.5, 0.0), lamp + (0.0, 0.0, 0.15)
@@ -218,10 +218,15 @@ def test_painted_relief_casts_none_under_the_lamp():
     points, radiance, lamp = under_the_lamp(0.0)
     heights = Heights(1)
     away = np.hypot(*(points[..., :2] - lamp[:2]).transpose(2, 0, 1))
-    near = np.nonzero((away > 0.6) & (away < 1.4))
+    near = some((away > 0.6) & (away < 1.4))
     place, light = points[near], radiance[near] * away[near]**3
     said = free_of_relief(place[:, :2], heights(place[:, :2]), lamp, heights)
     assert (light[~said] < 0.1 * np.median(light)).mean() < 0.5
+
+
+def some(wanted):
+    """Return rows and columns of every seventh pixel of those that are wanted."""
+    return tuple(axis[::7] for axis in np.nonzero(wanted))
 
 
 def free_of_relief(xy, height, lamp, heights):

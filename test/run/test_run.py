@@ -154,7 +154,7 @@ def test_an_awaited_topic_that_nobody_publishes_is_named(tmp_path: Path) -> None
                         '--set', 'physics_node.wait.lags_s=[0.1]',
                         '--set', 'physics_node.wait.start_s=0.2')
     assert finished.returncode == 1
-    assert re.search(r'physics_node .*no publisher for 0.2 s on .*my/pose', finished.stderr)
+    assert re.search(r'physics_node .*no publisher for [\d.]+ s on .*my/pose', finished.stderr)
     # Physics counts from its own start, which takes seconds on a busy machine, `run` from before.
     scenario = resolve(Scenario.load('baseline', BLIND[1::2]))
     start_s = Limits.of(scenario).start_s
