@@ -252,7 +252,10 @@ def test_over_dds_time_waits_for_the_picture(peer: Peer, world_folder: Path) -> 
     assert stamps == [stamps[0] + 100_000_000 * k for k in range(len(stamps))]
     odometry = {header_ns(m): m for m in states['odom']}
     legs = {header_ns(m): m for m in states['joint_states']}
-    assert list(joints[2].position) == list(legs[stamps[2]].position)
+    # So may this test: it compares what it has of both.
+    both = [joint for joint in joints if header_ns(joint) in legs]
+    assert both and all(list(joint.position) == list(legs[header_ns(joint)].position)
+                        for joint in both)
     if SetEntityState is not None:
         assert [call.entity for call in calls[:3]] == [BASE, LEG, '/World/Rover/front_right']
         state = next(call.state for call in calls[::5]
