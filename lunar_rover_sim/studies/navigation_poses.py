@@ -63,8 +63,9 @@ class Poses:
 
     def present(self, state: RoverState) -> Array | None:
         """Return the pose (4, 4) for what is seen at the newest state; None: there is none."""
-        known = self._newest is not None and self._newest[0] == state.stamp_ns
-        return self._newest[1] if known and self._newest else None
+        if self._newest is None or self._newest[0] != state.stamp_ns:
+            return None
+        return self._newest[1]
 
     def newest(self, now_ns: int) -> tuple[int, Array] | None:
         """Return stamp [ns] and (4, 4) of the newest pose that a command may use; None: none."""

@@ -194,16 +194,11 @@ def under_the_lamp(shape_m):
 def test_pebbles_cast_shadows_under_the_lamp():
     """Behind the highest pebbles, away from the lamp, it is dark as far as rays say, not before
     them; rays to a lamp beside it say otherwise, and so do shadows of half the length."""
-    points, radiance, lamp = under_the_lamp(2.5)
-    heights = Heights(1)
-    away = np.hypot(*(points[..., :2] - lamp[:2]).transpose(2, 0, 1))
-    near = some((away > 0.6) & (away < 1.4) & np.isfinite(away))
-    place = points[near]
+    place, light, lamp, heights = near_the_lamp(2.5)
     ground = heights(place[:, :2])
     beside, higher = lamp + (0.0, 1.5, 0.0), lamp + (0.0, 0.0, 0.15)
     said, turned, shorter = (free_of_relief(place[:, :2], ground, at, heights)
                              for at in (lamp, beside, higher))
-    light = radiance[near] * away[near]**3       # about even on level ground
     dark = light < 0.1 * np.median(light)
     assert (~said).mean() > 0.01
     hit = dark[~said].mean()
@@ -215,18 +210,17 @@ def test_pebbles_cast_shadows_under_the_lamp():
 
 def test_painted_relief_casts_none_under_the_lamp():
     """The lit faces before them cannot be seen, so black spots would stand alone."""
-    points, radiance, lamp = under_the_lamp(0.0)
-    heights = Heights(1)
-    away = np.hypot(*(points[..., :2] - lamp[:2]).transpose(2, 0, 1))
-    near = some((away > 0.6) & (away < 1.4))
-    place, light = points[near], radiance[near] * away[near]**3
+    place, light, lamp, heights = near_the_lamp(0.0)
     said = free_of_relief(place[:, :2], heights(place[:, :2]), lamp, heights)
     assert (light[~said] < 0.1 * np.median(light)).mean() < 0.5
 
 
-def some(wanted):
-    """Return rows and columns of every seventh pixel of those that are wanted."""
-    return tuple(axis[::7] for axis in np.nonzero(wanted))
+def near_the_lamp(shape_m):
+    """Return points near the lamp, light that is about even on level ground, lamp and relief."""
+    points, radiance, lamp = under_the_lamp(shape_m)
+    away = np.hypot(*(points[..., :2] - lamp[:2]).transpose(2, 0, 1))
+    near = tuple(axis[::7] for axis in np.nonzero((away > 0.6) & (away < 1.4)))
+    return points[near], radiance[near] * away[near]**3, lamp, Heights(1)
 
 
 def free_of_relief(xy, height, lamp, heights):
