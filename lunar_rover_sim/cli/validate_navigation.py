@@ -56,8 +56,9 @@ def run(args: argparse.Namespace) -> int:
                 and not re.fullmatch(r'drift=0?\.\d+', pose):
             raise ConfigError(f'--poses: {pose!r} is not valid; valid are truth, wheels, '
                               'reference, slam, drift=SHARE, for example drift=0.02')
-    if SLAM in args.poses and not Scenario.load(
-            args.scenarios[0], args.overrides).slam_node.command:
+    # Before the folder is made: what is wrong with a scenario leaves none.
+    scenarios = [Scenario.load(name, args.overrides) for name in args.scenarios]
+    if SLAM in args.poses and not scenarios[0].slam_node.command:
         raise ConfigError('--poses slam: needs the program, --set slam_node.command="PROGRAM '
                           'ARGUMENTS"')
     settings = (f'{args.distance:g} m, {args.limit:g} s\n' + '\n'.join(args.overrides) + '\n')

@@ -128,11 +128,14 @@ def test_goals_are_around_the_start_and_the_own_one_of_a_scenario_counts():
     assert drive.shortest_m == pytest.approx(2.0, abs=0.1)
 
 
-@pytest.mark.parametrize('pose, line', [
-    ('orb', "--poses: 'orb' is not valid; valid are truth, wheels, reference, slam, drift=SHARE"),
-    ('slam', '--poses slam: needs the program, --set slam_node.command="PROGRAM ARGUMENTS"')])
-def test_a_pose_that_cannot_be_had_is_refused_before_anything_is_driven(pose, line, capsys,
-                                                                        tmp_path):
-    assert main(['validate', 'navigation', '--poses', pose, '-o', str(tmp_path / 'study')]) == 1
+@pytest.mark.parametrize('arguments, line', [
+    (['--poses', 'orb'],
+     "--poses: 'orb' is not valid; valid are truth, wheels, reference, slam, drift=SHARE"),
+    (['--poses', 'slam'],
+     '--poses slam: needs the program, --set slam_node.command="PROGRAM ARGUMENTS"'),
+    (['--set', 'shared.seed=3'], "--set shared.seed=3: no such section 'shared'")])
+def test_what_cannot_be_had_is_refused_before_anything_is_driven(arguments, line, capsys,
+                                                                 tmp_path):
+    assert main(['validate', 'navigation', *arguments, '-o', str(tmp_path / 'study')]) == 1
     assert line in capsys.readouterr().err
     assert not (tmp_path / 'study').exists()
