@@ -5,7 +5,8 @@
 APOLLO_FOLDER holds scans by their numbers (NASA, public domain). Their borders are cut off, and
 the light that the scanner added to black is taken away. The heights of the sun and the directions
 are estimates from shadows in the pictures. It writes a pair NAME_apollo.jpg and NAME_ours.jpg of
-each, photographs.csv, and prints the table. No parameter was chosen by these pictures.
+each, all of them as sheet.jpg, photographs.csv, and prints the table. No parameter was chosen by
+these pictures.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from lunar_rover_sim.world.world_folder import load_world
 
 FOV_DEG, HEIGHT_M = 47.7, 1.5       # 60 mm on a frame of 53 mm, at the chest
 SIDE, WIDTH = 900, 450              # of our picture; of the crops that are compared [px]
+GAP = 6                             # between the crops on the sheet [px]
 SHOWN = ('log gradient', 'spectrum slope', 'shadow share', 'ORB keypoints')
 
 
@@ -63,7 +65,8 @@ def main() -> None:
     parser.add_argument('output', type=Path)
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
-    rows = []
+    rows: list[dict[str, str]] = []
+    sheet: list[NDArray[np.uint8]] = []
     for photograph, ours in zip(PHOTOGRAPHS, _ours()):
         name = photograph.file.partition('.')[0].removesuffix('_900px')
         scan = cv2.imread(str(args.apollo / photograph.file))
@@ -73,14 +76,19 @@ def main() -> None:
                     'ours': _crop(ours, photograph)}
         for whose, picture in pictures.items():
             if whose == 'apollo':       # film and scanner have colours of their own
-                picture = cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY),
-                                       cv2.COLOR_GRAY2BGR)
+                pictures[whose] = picture = cv2.cvtColor(
+                    cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
             cv2.imwrite(str(args.output / f'{name}_{whose}.jpg'), picture,
                         [cv2.IMWRITE_JPEG_QUALITY, 88])
             values = dict(zip(MEASURES, image_statistics(GreyPair(name, _levels(picture), None,
                                                                   None)).values))
             rows.append({'photograph': name, 'whose': whose,
                          **{key: f'{values[key]:.3g}' for key in SHOWN}})
+        height = min(len(picture) for picture in pictures.values())
+        sheet.append(np.hstack([np.pad(picture[:height], ((0, GAP), (0, GAP), (0, 0)))
+                                for picture in pictures.values()]))
+    cv2.imwrite(str(args.output / 'sheet.jpg'), np.vstack(sheet)[:-GAP, :-GAP],
+                [cv2.IMWRITE_JPEG_QUALITY, 88])
     with (args.output / 'photographs.csv').open('w', newline='', encoding='ascii') as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()

@@ -10,39 +10,78 @@ from numpy.typing import ArrayLike
 from lunar_rover_sim.frames import Array, inverse, matrix_from_wxyz, se3, wxyz_from_rpy
 
 _LEVEL_S = 4.0      # over which the accelerometer levels the gyroscope: several steps
+_NEAR_M, _NEAR_RAD = 0.5, 0.35      # from what the wheels say; farther away is another map
 
 
 class AnchoredPoses:
-    """Poses of a SLAM program in a map of its own, anchored at the first one.
+    """Poses of a SLAM program in maps of its own, anchored in the world.
 
-    A rover knows where it starts. Afterwards only the estimate counts.
+    A rover knows where it starts. Afterwards the estimate counts. A program that has lost its
+    track begins another map, somewhere, and may find back into an earlier one: wheels say where
+    the rover is meanwhile, and which map a pose is of. A loop that is closed moves the poses of
+    one map, which is followed.
     """
 
     def __init__(self, T_base_sensor: ArrayLike) -> None:
         """Take poses of a sensor that is mounted at T_base_sensor (4, 4)."""
         self._T_sensor_base = inverse(T_base_sensor)
-        self._T_world_map: Array | None = None
+        self.restart()
 
     def restart(self) -> None:
         """Anchor anew with the next pose."""
-        self._T_world_map = None
+        self._maps: list[Array] = []                    # (4, 4) T_world_map of each
+        self._map = 0
+        self._last: tuple[Array, Array] | None = None   # the last pose, and that of the wheels
+        self._lost = False
 
     @property
     def is_anchored(self) -> bool:
         """Whether a pose has been anchored."""
-        return self._T_world_map is not None
+        return bool(self._maps)
 
-    def base(self, T_map_sensor: ArrayLike, T_world_base: ArrayLike | None = None) -> Array:
+    @property
+    def maps(self) -> int:
+        """Number of maps that have been begun."""
+        return len(self._maps)
+
+    def lose(self) -> None:
+        """Take note that the program has lost its track."""
+        self._lost = True
+
+    def base(self, T_map_sensor: ArrayLike, T_wheels: ArrayLike,
+             T_world_base: ArrayLike | None = None) -> Array:
         """Return T_world_base (4, 4) of a pose.
 
         Args:
             T_map_sensor: (4, 4) of the estimate.
+            T_wheels: (4, 4) pose of the base by wheels and IMU at that time.
             T_world_base: (4, 4) start of the rover, needed for the first pose only.
         """
         T_map_base = np.asarray(T_map_sensor, float) @ self._T_sensor_base
-        if self._T_world_map is None:
-            self._T_world_map = np.asarray(T_world_base, float) @ inverse(T_map_base)
-        return self._T_world_map @ T_map_base
+        wheels = np.asarray(T_wheels, float)
+        if self._last is None:
+            self._maps = [np.asarray(T_world_base, float) @ inverse(T_map_base)]
+        else:
+            before, wheels_before = self._last
+            expected = before @ inverse(wheels_before) @ wheels
+            far = [_farness(expected, T_world_map @ T_map_base) for T_world_map in self._maps]
+            if far[self._map] > 1.0:
+                if min(far) <= 1.0:
+                    self._map = int(np.argmin(far))
+                elif self._lost:
+                    self._map = len(self._maps)
+                    self._maps.append(expected @ inverse(T_map_base))
+        self._lost = False
+        pose = self._maps[self._map] @ T_map_base
+        self._last = pose, wheels
+        return pose
+
+
+def _farness(expected: Array, pose: Array) -> float:
+    """Return how far a pose (4, 4) is from another one; up to 1 they can be the same."""
+    cosine = 0.5 * (float(np.trace(expected[:3, :3].T @ pose[:3, :3])) - 1.0)
+    return max(float(np.linalg.norm(expected[:3, 3] - pose[:3, 3])) / _NEAR_M,
+               math.acos(min(max(cosine, -1.0), 1.0)) / _NEAR_RAD)
 
 
 class LevelledWheels:

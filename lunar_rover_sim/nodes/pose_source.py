@@ -35,7 +35,8 @@ class PoseSource:
     """Subscriptions of one source of poses, and the poses of the last seconds.
 
     An estimate begins at the true start: a rover knows where it was set down. From then on only
-    the estimate counts.
+    the estimate counts. Of a SLAM program that begins another map, wheels and IMU say where that
+    is.
 
     Attributes:
         frame_id: Frame of the poses.
@@ -57,13 +58,15 @@ class PoseSource:
         self._truth: deque[tuple[int, bytes]] = deque()
         self._poses: deque[tuple[int, Array]] = deque()
         self._wheels: deque[Odometry] = deque()
+        self._rolled: deque[tuple[int, Array]] = deque()    # poses by wheels and IMU
+        self._tracked: deque[tuple[int, Array]] = deque()   # T_map_camera of the SLAM program
         self._statuses: deque[int] = deque()
         self._imu_ns = 0
         self._R_base_imu = imu_pose(rover)[:3, :3]
         self._levelled = LevelledWheels()
         self._anchored = AnchoredPoses(optical_poses(rover)[0])
         self.answered_ns = 0
-        self._begun = False         # whether the true start is not needed any more
+        self._rolls = False         # whether wheels have begun at the true start
 
         def listen(kind: Any, topic: topics.Topic, callback: Callable[..., None],
                    raw: bool = False) -> None:
@@ -72,15 +75,15 @@ class PoseSource:
                                      qos.requested(topic, lockstep=True), raw=raw)
 
         listen(Odometry, config.truth, self._truth_callback, raw=True)
-        self.waits: tuple[str, ...] = (config.truth.name,)
+        self.waits: tuple[str, ...] = (config.truth.name,) if pose == TRUTH else ()
         if pose == SLAM:
             listen(PoseStamped, topics.SLAM_POSE, self._slam_callback)
             listen(DiagnosticArray, topics.SLAM_STATUS, self._status_callback)
             self.waits = (topics.SLAM_POSE.name, topics.SLAM_STATUS.name)
-        elif pose != TRUTH:
+        if pose != TRUTH:
             listen(Odometry, topics.WHEEL_ODOM, self._wheels_callback)
             listen(Imu, topics.IMU_RAW, self._imu_callback)
-            self.waits = (topics.WHEEL_ODOM.name, topics.IMU_RAW.name)
+            self.waits += (topics.WHEEL_ODOM.name, topics.IMU_RAW.name)
 
     def at(self, stamp: int) -> Array | None:
         """Return T_world_base (4, 4) at a stamp [ns], or None."""
@@ -101,13 +104,15 @@ class PoseSource:
         if stamp is None:
             return
         if self._jump.has_occurred(stamp):
-            for queue in (self._truth, self._poses, self._wheels, self._statuses):
+            for queue in (self._truth, self._poses, self._wheels, self._rolled, self._tracked,
+                          self._statuses):
                 queue.clear()       # type: ignore[attr-defined]
             self._levelled.restart()
             self._anchored.restart()
-            self.answered_ns, self._imu_ns, self._begun = 0, 0, False
+            self.answered_ns, self._imu_ns, self._rolls = 0, 0, False
             self._on_restart()
         if self._kind != TRUTH and self._begun:
+            self._truth.clear()
             return
         self._truth.append((stamp, raw))
         _forget(self._truth, stamp)
@@ -135,49 +140,71 @@ class PoseSource:
                                     'pose, and not used')
             return
         T = frames.se3(frames.matrix_from_wxyz(numbers[3:] / norm), numbers[:3])
-        stamp = header_ns(msg)
-        if not self._anchored.is_anchored:
-            start = next((raw for ns, raw in self._truth if ns == stamp), None)
-            if start is None:
-                return
-            self._poses.append((stamp, self._anchored.base(T, _pose_of(start))))
-            self._begun = True
-            self._truth.clear()
-        else:
-            self._poses.append((stamp, self._anchored.base(T)))
-        _forget(self._poses, stamp)
+        self._tracked.append((header_ns(msg), T))
         self._pair()
 
     def _status_callback(self, msg: DiagnosticArray) -> None:
         self._statuses.append(header_ns(msg))
         tracked = any(status.message == 'tracking' for status in msg.status)
         if not tracked:
+            self._anchored.lose()
             self._answered(header_ns(msg))
         self._pair()
 
+    @property
+    def _begun(self) -> bool:
+        """Whether the true start is not needed any more."""
+        return self._rolls and (self._kind != SLAM or self._anchored.is_anchored)
+
     def _pair(self) -> None:
-        """Make poses of what has come of both topics of an estimate."""
-        if self._kind == SLAM:
-            # The pose and the status of a frame come on two topics, in any order.
-            while self._statuses and (self.answered_ns >= self._statuses[0] or (
-                    self._poses and self._poses[-1][0] >= self._statuses[0])):
-                self._answered(self._statuses.popleft())
+        """Make poses of what has come of several topics."""
+        self._roll()
+        if self._kind != SLAM:
             return
+        while self._tracked and self._rolled and self._rolled[-1][0] >= self._tracked[0][0]:
+            stamp, T_map_camera = self._tracked[0]
+            start = None if self._anchored.is_anchored else self._true_pose(stamp)
+            if start is None and not self._anchored.is_anchored and not self._is_past(stamp):
+                break
+            self._tracked.popleft()
+            rolled = next((T for ns, T in reversed(self._rolled) if ns <= stamp), None)
+            if rolled is None or start is None and not self._anchored.is_anchored:
+                continue            # from before this node has joined
+            self._poses.append((stamp, self._anchored.base(T_map_camera, rolled, start)))
+            _forget(self._poses, stamp)
+        # The pose and the status of a frame come on two topics, in any order.
+        while self._statuses and (self.answered_ns >= self._statuses[0] or (
+                self._poses and self._poses[-1][0] >= self._statuses[0])):
+            self._answered(self._statuses.popleft())
+
+    def _roll(self) -> None:
+        """Make the poses of wheels and IMU."""
         while self._wheels and self._imu_ns >= header_ns(self._wheels[0]):
             stamp = header_ns(self._wheels[0])
-            start = None
-            if not self._begun:
-                raw = next((raw for ns, raw in self._truth if ns == stamp), None)
-                if raw is None:
+            start = None if self._rolls else self._true_pose(stamp)
+            if start is None and not self._rolls:
+                if not self._is_past(stamp):
                     return
-                start, self._begun = _pose_of(raw), True
-                self._truth.clear()
+                self._wheels.popleft()      # from before this node has joined
+                continue
+            self._rolls = True
             p, q = self._wheels[0].pose.pose.position, self._wheels[0].pose.pose.orientation
             self._wheels.popleft()
             pose = self._levelled.base((p.x, p.y, 2.0 * math.atan2(q.z, q.w)), start)
-            self._poses.append((stamp, pose))
-            _forget(self._poses, stamp)
-            self._answered(stamp)
+            self._rolled.append((stamp, pose))
+            _forget(self._rolled, stamp)
+            if self._kind != SLAM:
+                self._poses.append((stamp, pose))
+                _forget(self._poses, stamp)
+                self._answered(stamp)
+
+    def _is_past(self, stamp: int) -> bool:
+        """Return whether the truth has come up to a later stamp."""
+        return bool(self._truth) and self._truth[-1][0] > stamp
+
+    def _true_pose(self, stamp: int) -> Array | None:
+        raw = next((raw for ns, raw in self._truth if ns == stamp), None)
+        return None if raw is None else _pose_of(raw)
 
     def _answered(self, stamp: int) -> None:
         if stamp > self.answered_ns:

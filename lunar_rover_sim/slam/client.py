@@ -76,16 +76,24 @@ def answer(stamp_ns: int, T_map_camera: Array | None, located: bool) -> protocol
 
 
 def reference(settings: dict[str, Any]) -> Track:
-    """Return a tracker that is the built-in odometry; it knows mono and stereo."""
+    """Return a tracker that is the built-in odometry; it knows mono and stereo.
+
+    Where it is lost for good, another one begins at the last pose; of a single camera it would have
+    another scale, and none begins.
+    """
     stereo = settings['sensor'] != 'mono'
     camera = Camera((settings['fx'], settings['fy']), (settings['cx'], settings['cy']),
                     settings['baseline_m'] if stereo else 0.0, tuple(settings['distortion'][:4]))
-    odometry = VisualOdometry(camera)
+    odometry, T_map_first = VisualOdometry(camera), np.eye(4)
 
     def track(frames: FrameSet, imu: list[ImuSamples]) -> Array | None:
+        nonlocal odometry, T_map_first
+        if stereo and odometry.lost_ns is not None:
+            T_map_first = T_map_first @ odometry.T_map_camera
+            odometry = VisualOdometry(camera)
         images = [camera.rectified(np.ascontiguousarray(image)) for image in frames.images]
         located = odometry.add(frames.stamp_ns, *images[:2 if stereo else 1])
-        return odometry.T_map_camera if located else None
+        return T_map_first @ odometry.T_map_camera if located else None
 
     return track
 

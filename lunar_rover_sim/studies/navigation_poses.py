@@ -129,18 +129,19 @@ class Wheels(Poses):
 class Slam(Poses):
     """A SLAM program over pipes, as behind slam_node, that gets rendered pairs.
 
-    Its poses begin at the true start. In lockstep a command is made from the pose of
-    `navigator_node.map_lag_s` before. A program that ends while the rover drives gives no more
-    poses.
+    Its poses begin at the true start; wheels say where another map of its begins. In lockstep a
+    command is made from the pose of `navigator_node.map_lag_s` before. A program that ends while
+    the rover drives gives no more poses.
 
     Attributes:
         problem: Why the program gives no more poses; empty while it does.
     """
 
     def __init__(self, scenario: Scenario, world: World, simulation: Simulation,
-                 command: str) -> None:
+                 command: str, seed: int) -> None:
         super().__init__(simulation.state)
         self.problem = ''
+        self._wheels = Wheels(simulation.state, scenario, seed)
         self._lag_ns = round(scenario.navigator_node.map_lag_s * 1e9)
         self._frame_ns = scenario.render_node.frame_period_ns
         self._newest = None
@@ -170,6 +171,7 @@ class Slam(Poses):
 
     def add(self, state: RoverState) -> None:
         """Take in the next state; where a frame is due, have it tracked."""
+        self._wheels.add(state)
         if self.problem or state.stamp_ns % self._frame_ns:
             return
         frame = self._renderer.render(state, state.stamp_ns // self._frame_ns, ('left', 'right'))
@@ -180,10 +182,12 @@ class Slam(Poses):
         except SlamError as error:
             self.problem = str(error)
             return
-        if pose.state == TRACKING:
+        if pose.state != TRACKING:
+            self._anchored.lose()
+        elif (wheels := self._wheels.present(state)) is not None:
             start = None if self._anchored.is_anchored else state.T_world_base
             self._take(state, self._anchored.base(
-                se3(matrix_from_wxyz(pose.wxyz), pose.position_m), start))
+                se3(matrix_from_wxyz(pose.wxyz), pose.position_m), wheels, start))
             assert self._newest is not None
             self._ready.append(self._newest)
 
@@ -226,6 +230,6 @@ def poses_of(kind: str, scenario: Scenario, world: World, simulation: Simulation
         return Drifting(state, float(kind.removeprefix(DRIFT)), seed)
     if kind in (REFERENCE, SLAM):
         command = _REFERENCE_COMMAND if kind == REFERENCE else scenario.slam_node.command
-        return Slam(scenario, world, simulation, command)
+        return Slam(scenario, world, simulation, command, seed)
     assert kind == TRUTH
     return Poses(state)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lunar_rover_sim.frames import (matrix_from_wxyz, rpy_from_wxyz, se3, wxyz_from_matrix,
-                                    wxyz_from_rpy)
+from lunar_rover_sim.frames import (inverse, matrix_from_wxyz, rpy_from_wxyz, se3,
+                                    wxyz_from_matrix, wxyz_from_rpy)
 from lunar_rover_sim.navigation.poses import AnchoredPoses, LevelledWheels
 from lunar_rover_sim.rover.mounts import optical_poses
 from lunar_rover_sim.rover.rover_file import load_rover
@@ -21,10 +21,40 @@ def test_poses_of_a_slam_map_are_anchored_at_the_start():
     poses = AnchoredPoses(T_base_camera)
     assert not poses.is_anchored
     for true in (start, later):
-        found = poses.base(T_map_world @ true @ T_base_camera, start)
+        found = poses.base(T_map_world @ true @ T_base_camera, true, start)
         np.testing.assert_allclose(found, true, atol=1e-12)
     poses.restart()
     assert not poses.is_anchored
+
+
+def test_a_map_that_is_begun_after_a_loss_goes_on_where_the_wheels_say():
+    poses = AnchoredPoses(np.eye(4))
+    at = [pose(x, 0.1 * x, 0.0, yaw=0.1 * x) for x in (0.0, 1.0, 4.0, 4.2, 5.0)]
+    # The wheels have a frame of their own, and have lost 3 % of the way.
+    rolled = [pose(7.0, 1.0, 0.0, yaw=0.5) @ pose(0.97 * x, 0.097 * x, 0.0, yaw=0.1 * x)
+              for x in (0.0, 1.0, 4.0, 4.2, 5.0)]
+    for k in (0, 1, 2):
+        np.testing.assert_allclose(poses.base(at[k], rolled[k], at[0]), at[k], atol=1e-12)
+    poses.lose()
+    second = inverse(at[3])                         # the other map begins there
+    found = poses.base(second @ at[3], rolled[3])
+    assert np.linalg.norm(found[:3, 3] - at[3][:3, 3]) < 0.03 * 0.2 + 1e-3
+    assert poses.maps == 2
+    found = poses.base(second @ at[4], rolled[4])
+    assert np.linalg.norm(found[:3, 3] - at[4][:3, 3]) < 0.02
+    # Its place is recognised: the program goes on in the first map, whose anchor is known.
+    np.testing.assert_allclose(poses.base(at[4], rolled[4]), at[4], atol=1e-12)
+    assert poses.maps == 2
+
+
+def test_a_closed_loop_is_followed_and_a_short_loss_begins_no_map():
+    poses, start = AnchoredPoses(np.eye(4)), np.eye(4)
+    poses.base(start, start, start)
+    poses.base(pose(3.0, 0.0, 0.0), pose(3.0, 0.0, 0.0))
+    poses.lose()
+    assert poses.base(pose(3.2, 0.1, 0.0), pose(3.1, 0.0, 0.0))[1, 3] == 0.1
+    assert poses.base(pose(3.2, 1.1, 0.0), pose(3.1, 0.0, 0.0))[1, 3] == 1.1
+    assert poses.maps == 1
 
 
 def test_wheels_with_an_imu_climb_a_slope():

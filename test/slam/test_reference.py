@@ -12,7 +12,9 @@ from scipy.spatial.transform import Rotation
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.frames import inverse, R_BODY_OPTICAL, se3
+from lunar_rover_sim.slam.client import reference
 from lunar_rover_sim.slam.euroc_reader import Camera, Frame
+from lunar_rover_sim.slam.protocol import FrameSet
 from lunar_rover_sim.slam.reference.bundle import Problem, residuals
 from lunar_rover_sim.slam.reference.features import detect, disparities, track
 from lunar_rover_sim.slam.reference.geometry import (from_disparity, locate, project, triangulate,
@@ -129,6 +131,20 @@ def test_light_that_goes_out_ends_the_track(drive) -> None:
         odometry.add(frames[8].stamp_ns + k, black, black)
     assert odometry.lost_ns is not None
     assert len(odometry.trajectory()) == 8
+
+
+def test_a_live_pair_goes_on_where_its_track_was_lost(drive) -> None:
+    frames, truth = drive
+    track = reference({'sensor': 'stereo', 'fx': 300.0, 'fy': 300.0, 'cx': 159.5, 'cy': 119.5,
+                       'baseline_m': CAMERA.baseline_m, 'distortion': [0.0] * 5})
+    black = np.zeros_like(frames[0].left)
+    sent = [(f.left, f.right) for f in frames[:10]] + 12 * [(black, black)] \
+        + [(f.left, f.right) for f in frames[9:20]]
+    found = [track(FrameSet(k, images), []) for k, images in enumerate(sent)]
+    assert [T is None for T in found] == 10 * [False] + 12 * [True] + 11 * [False]
+    true = inverse(poses()[9]) @ poses()[19]
+    off = inverse(inverse(found[9]) @ found[-1]) @ true
+    assert np.linalg.norm(off[:3, 3]) < 0.02 * np.linalg.norm(true[:3, 3])
 
 
 def test_disparity_of_sheared_ground(drive) -> None:
