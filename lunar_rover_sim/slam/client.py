@@ -78,8 +78,8 @@ def answer(stamp_ns: int, T_map_camera: Array | None, located: bool) -> protocol
 def reference(settings: dict[str, Any]) -> Track:
     """Return a tracker that is the built-in odometry; it knows mono and stereo.
 
-    Where it is lost for good, another one begins at the last pose; of a single camera it would have
-    another scale, and none begins.
+    Where it is lost for good, another one begins at the last pose; of a single camera it would
+    have another scale, and none begins.
     """
     stereo = settings['sensor'] != 'mono'
     camera = Camera((settings['fx'], settings['fy']), (settings['cx'], settings['cy']),

@@ -169,12 +169,13 @@ def test_fewer_than_three_frames_say_nothing(n):
     assert prediction_miss(np.tile(np.eye(4), (n, 1, 1)), rig(), HEIGHT_M, 10.0) is None
 
 
-def states(*told):
+def states(*told, topic=topics.SLAM_STATUS, reason=''):
     """Return what slam_node publishes of frames 50 ms apart."""
-    return [synthetic.item(topics.SLAM_STATUS, synthetic.msg(
+    values = [synthetic.msg('diagnostic_msgs/KeyValue', key='reason', value=reason)]
+    return [synthetic.item(topic, synthetic.msg(
         'diagnostic_msgs/DiagnosticArray', header=synthetic.header(50_000_000 * k, ''),
-        status=[synthetic.msg('diagnostic_msgs/DiagnosticStatus', level=0, name='slam',
-                              message=state, hardware_id='', values=[])]))
+        status=[synthetic.msg('diagnostic_msgs/DiagnosticStatus', level=0, name='',
+                              message=state, hardware_id='', values=values)]))
             for k, state in enumerate(told, start=1)]
 
 
@@ -185,6 +186,12 @@ def test_frames_are_counted_by_what_became_of_them(tmp_path):
     assert summary.slam == {'initialising': 2, 'tracking': 3, 'lost': 1}
     assert 'slam: 6 frames answered: 2 initialising, 1 lost, 3 tracking' \
         in summary.lines().splitlines()
+
+
+def test_the_end_of_a_goal_is_told(tmp_path):
+    told = states('following', 'arrived', topic=topics.NAVIGATOR_STATUS, reason='at x 1 m')
+    lines = summarise(synthetic.write(tmp_path / 'bag', told)).lines().splitlines()
+    assert 'goal: arrived at x 1 m after 0.1 s' in lines
 
 
 def test_without_a_slam_program_there_is_no_line(tmp_path):

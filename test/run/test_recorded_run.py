@@ -133,6 +133,7 @@ def test_it_maps_arrives_and_ends(tmp_path: Path) -> None:
                     '--set', 'world.craters.density=0', '--set', 'world.rocks.abundance=0',
                     *plain)
     assert done.returncode == 0, done.stderr
+    assert 'goal: arrived at x' in done.stdout
     with open_bag(tmp_path / 'run' / 'bag') as bag:
         topic = f'/{topics.NAVIGATOR_STATUS.name}'
         said = [status.message for _, _, message in bag.messages([topic])
