@@ -1,10 +1,12 @@
 """What a gait does to visual odometry: walkers over the worlds of the learning study, with images.
 
     python examples/learning/slam_of_gaits.py slam.csv packaged smooth feedback --seeds 10
+        [--slam "~/orbslam3/bin/python {wheel} lunar_voc.txt {settings} stereo"]
 
 Each walks 5 s at 0.12 m/s on `highland`; images of 320 x 240 px at 20 Hz, drawn as render_node
-draws them, go to the reference odometry. Drives that the CSV has are not made again. It prints
-medians, and the paired test of each walker against the first.
+draws them, go to the reference odometry, or to a program that speaks the protocol of
+docs/reference/slam_protocol.md. Drives that the CSV has are not made again. It prints medians, and
+the paired test of each walker against the first.
 """
 
 from __future__ import annotations
@@ -13,27 +15,31 @@ import argparse
 import csv
 import dataclasses
 from pathlib import Path
+import sys
 
 import numpy as np
 
-from lunar_rover_sim import evaluate, Renderer, Simulation, Trajectory, VisualOdometry
-from lunar_rover_sim.errors import SlamError
+from lunar_rover_sim import evaluate, Renderer, Simulation, Trajectory
 from lunar_rover_sim.evaluation.statistics import Comparison, Median
 from lunar_rover_sim.learning.senses import Sample
 from lunar_rover_sim.learning.task import physics_of, STATE_HZ, terrain
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
+from lunar_rover_sim.sequences.sensors import described_sensors
+from lunar_rover_sim.slam.program import Tracker
+from lunar_rover_sim.slam.protocol import FrameSet, TRACKING
 from lunar_rover_sim.studies.learning import answer_of, Case, HIDDEN_SEEDS
 
 GROUND, DURATION_S, FRAME_HZ, SIZE_PX = 'highland', 5.0, 20, (320, 240)
+REFERENCE = f'{sys.executable} -m lunar_rover_sim.slam.client'
 FIELDS = 'walker', 'seed', 'frames', 'tracked', 'ate_percent', 'rpe_mm'
 
 
-def drive(walker: str, seed: int) -> tuple[int, float, float, float]:
+def drive(walker: str, seed: int, slam: str) -> tuple[int, float, float, float]:
     """Return frames, share of them that is located, and two errors; inf if lost.
 
-    They are the RMS error of positions [% of the way], and that of motions over 1 s [mm].
+    The errors are the RMS error of positions [% of the way], and that of motions over 1 s [mm].
     """
     rover, world = load_rover(), terrain(seed, 12.8, False)
     config = RenderConfig()
@@ -41,11 +47,14 @@ def drive(walker: str, seed: int) -> tuple[int, float, float, float]:
         config.camera, width=SIZE_PX[0], height=SIZE_PX[1]))
     answer = answer_of(Case(walker, GROUND, 0.0, seed), rover)
     noise = ImuNoise(ImuConfig(), STATE_HZ, np.random.default_rng(seed))
+    suite = described_sensors(rover, config.camera, ImuConfig(), FRAME_HZ, STATE_HZ,
+                              physics_of(GROUND).gravity_mps2)
     states, frames = [], 0
     with Simulation(world, rover, physics_of(GROUND)) as simulation, \
-            Renderer(world, rover, config, seed) as renderer:
+            Renderer(world, rover, config, seed) as renderer, \
+            Tracker(slam, suite, 'stereo', 60.0, 60.0) as tracker:
         renderer.follow(simulation.overlay)
-        odometry, state = VisualOdometry.of_rig(renderer.rig), simulation.state
+        stamps, poses, state = [], [], simulation.state
         steps = 1_000_000_000 // STATE_HZ // simulation.config.step_ns
         for k in range(1, round(DURATION_S * STATE_HZ) + 1):
             simulation.command(answer(Sample.of(state, noise)).velocity_radps)
@@ -53,13 +62,15 @@ def drive(walker: str, seed: int) -> tuple[int, float, float, float]:
             states.append(state)
             if k % (STATE_HZ // FRAME_HZ) == 0:
                 frame = renderer.render(state, frames, ('left', 'right'))
-                odometry.add(state.stamp_ns, frame.left, frame.right)
+                pose = tracker.track(FrameSet(state.stamp_ns, (frame.left, frame.right)))
+                if pose.state == TRACKING:
+                    stamps.append(state.stamp_ns)
+                    poses.append((*pose.position_m, *pose.wxyz))
                 frames += 1
-    truth = Trajectory.of_states(states)
-    try:
-        estimate = odometry.trajectory()
-    except SlamError:
-        return frames, 0.0, np.inf, np.inf
+    if len(stamps) < 3:
+        return frames, len(stamps) / frames, np.inf, np.inf
+    truth, found = Trajectory.of_states(states), np.array(poses)
+    estimate = Trajectory(np.array(stamps), found[:, :3], found[:, 3:])
     judged = evaluate(truth, estimate, estimate_frame='left')
     return (frames, len(estimate) / frames, 100.0 * judged.ate_m.rmse / truth.length_m,
             1e3 * judged.rpe_time_m.rmse)
@@ -71,6 +82,7 @@ def main() -> None:
     parser.add_argument('table', type=Path)
     parser.add_argument('walkers', nargs='+', help='packaged, or policies')
     parser.add_argument('--seeds', type=int, default=10)
+    parser.add_argument('--slam', default=REFERENCE, help='program; default: the reference')
     args = parser.parse_args()
     found = {}
     if args.table.exists():
@@ -83,7 +95,8 @@ def main() -> None:
             name = Path(walker).stem
             if (name, seed) in found:
                 continue
-            row = dict(zip(FIELDS, (name, seed, *(f'{v:.6g}' for v in drive(walker, seed)))))
+            row = dict(zip(FIELDS, (name, seed, *(f'{v:.6g}' for v in drive(
+                walker, seed, args.slam)))))
             found[name, seed] = row
             with args.table.open('a', encoding='utf-8', newline='') as file:
                 csv.DictWriter(file, FIELDS).writerow(row)

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections import deque
 from contextlib import ExitStack
 import math
-from pathlib import Path
 import sys
-from tempfile import TemporaryDirectory
-import threading
 from types import TracebackType
 
 import numpy as np
@@ -24,8 +21,8 @@ from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sensors.imu import ImuNoise
 from lunar_rover_sim.sensors.wheel_odometry import Rolling, WheelOdometry
 from lunar_rover_sim.sequences.sensors import described_sensors
-from lunar_rover_sim.slam.program import command_words, program_settings, SlamProgram
-from lunar_rover_sim.slam.protocol import FrameSet, TrackedPose, TRACKING
+from lunar_rover_sim.slam.program import Tracker
+from lunar_rover_sim.slam.protocol import FrameSet, TRACKING
 from lunar_rover_sim.stereo.points import grey
 from lunar_rover_sim.studies.walking import STATE_PERIOD_S
 from lunar_rover_sim.world.model import World
@@ -33,7 +30,6 @@ from lunar_rover_sim.world.model import World
 REFERENCE = 'reference'                             # the built-in odometry
 DRIFT = 'drift='
 _REFERENCE_COMMAND = f'{sys.executable} -m lunar_rover_sim.slam.client'
-_NEWS_S = 0.2
 
 
 class Poses:
@@ -146,7 +142,6 @@ class Slam(Poses):
         self._frame_ns = scenario.render_node.frame_period_ns
         self._newest = None
         self._ready: deque[tuple[int, Array]] = deque()
-        self._news = threading.Event()
         with ExitStack() as owned:
             self._renderer = owned.enter_context(scenario.renderer(world))
             self._renderer.follow(simulation.overlay)
@@ -155,14 +150,8 @@ class Slam(Poses):
             suite = described_sensors(
                 scenario.rover, scenario.render_node.camera, physics.imu,
                 scenario.render_node.frame_rate_hz, physics.state_rate_hz, physics.gravity_mps2)
-            folder = Path(owned.enter_context(TemporaryDirectory(prefix='navigation_')))
-            self._program = SlamProgram(
-                command_words(command, suite, 'stereo', folder),
-                program_settings(suite, 'stereo', True), node.ready_s, node.answer_s,
-                self._news.set)
-            owned.callback(self._program.close)
-            while not self._program.is_ready:
-                self._wait()
+            self._tracker = owned.enter_context(
+                Tracker(command, suite, 'stereo', node.ready_s, node.answer_s))
             self._owned = owned.pop_all()
 
     def close(self) -> None:
@@ -176,7 +165,7 @@ class Slam(Poses):
             return
         frame = self._renderer.render(state, state.stamp_ns // self._frame_ns, ('left', 'right'))
         try:
-            pose = self._tracked(FrameSet(state.stamp_ns, tuple(
+            pose = self._tracker.track(FrameSet(state.stamp_ns, tuple(
                 eight_bits(grey(image)) for image in (frame.left, frame.right)
                 if image is not None)))
         except SlamError as error:
@@ -198,17 +187,6 @@ class Slam(Poses):
         if self._ready and self._ready[0][0] <= now_ns - self._lag_ns:
             return self._ready[0]
         return None
-
-    def _tracked(self, frames: FrameSet) -> TrackedPose:
-        self._program.send(frames)
-        while (taken := self._program.take()) is None:
-            self._wait()
-        return taken[0]
-
-    def _wait(self) -> None:
-        self._program.check()
-        self._news.wait(_NEWS_S)
-        self._news.clear()
 
 
 def poses_of(kind: str, scenario: Scenario, world: World, simulation: Simulation,
