@@ -85,9 +85,10 @@ def _farness(expected: Array, pose: Array) -> float:
 
 
 class LevelledWheels:
-    """Wheel odometry, which is planar, with pitch and roll of the IMU.
+    """Dead reckoning: the way by the wheels, all angles by the IMU.
 
-    The gyroscope gives them from step to step; the accelerometer levels it slowly (complementary
+    Legs slip most where they turn, so the heading of the wheels walks off; that of the gyroscope
+    does so by its bias only. The accelerometer levels pitch and roll slowly (complementary
     filter). Height follows from the way and its pitch.
     """
 
@@ -96,11 +97,10 @@ class LevelledWheels:
 
     def restart(self) -> None:
         """Begin anew."""
-        self._roll = self._pitch = self._z = 0.0
+        self._roll = self._pitch = self._yaw = 0.0
         self._imu_ns: int | None = None
-        self._start: Array | None = None    # (3,) x, y, yaw of the odometry at the start
-        self._T_world_start: Array = np.eye(4)
-        self._before: Array | None = None
+        self._position: Array | None = None     # (3,) in the world
+        self._before: Array = np.zeros(3)       # last pose of the wheels
 
     def add_imu(self, stamp_ns: int, rate_radps: ArrayLike, force_mps2: ArrayLike) -> None:
         """Take a sample: rates (3,) and specific force (3,), base axes."""
@@ -116,7 +116,9 @@ class LevelledWheels:
             share = min(max(dt / _LEVEL_S, 0.0), 1.0)
             c, s = math.cos(self._roll), math.sin(self._roll)
             tangent = math.tan(max(-1.4, min(1.4, self._pitch)))
-            self._roll += dt * (rate[0] + tangent * (s * rate[1] + c * rate[2]))
+            about = s * rate[1] + c * rate[2]
+            self._yaw += dt * about * math.hypot(1.0, tangent)      # 1 / cos pitch
+            self._roll += dt * (rate[0] + tangent * about)
             self._pitch += dt * (c * rate[1] - s * rate[2])
             self._roll += share * math.remainder(roll - self._roll, 2.0 * math.pi)
             self._pitch += share * (pitch - self._pitch)
@@ -129,23 +131,15 @@ class LevelledWheels:
             T_world_base: (4, 4) start of the rover, needed for the first pose only.
         """
         pose = np.asarray(xy_yaw, float)
-        if self._start is None or self._before is None:
+        if self._position is None:
             T = np.asarray(T_world_base, float)
-            yaw = math.atan2(T[1, 0], T[0, 0])
-            self._T_world_start = se3(matrix_from_wxyz(wxyz_from_rpy(0.0, 0.0, yaw)), T[:3, 3])
-            self._start = self._before = pose
+            self._yaw = math.atan2(T[1, 0], T[0, 0])
+            self._position, self._before = T[:3, 3].copy(), pose
         step = pose[:2] - self._before[:2]
-        along = step[0] * math.cos(pose[2]) + step[1] * math.sin(pose[2])
-        self._z -= along * math.sin(self._pitch)
+        # Over the step the rover has looked midway.
+        heading = 0.5 * (self._before[2] + pose[2])
+        along = step[0] * math.cos(heading) + step[1] * math.sin(heading)
         self._before = pose
-        turn = _planar(self._start)
-        T_start_now = inverse(turn) @ _planar(pose)
-        yaw = math.atan2(T_start_now[1, 0], T_start_now[0, 0])
-        T_start_now[:3, :3] = matrix_from_wxyz(wxyz_from_rpy(self._roll, self._pitch, yaw))
-        T_start_now[2, 3] = self._z
-        return self._T_world_start @ T_start_now
-
-
-def _planar(xy_yaw: Array) -> Array:
-    return se3(matrix_from_wxyz(wxyz_from_rpy(0.0, 0.0, float(xy_yaw[2]))),
-               (xy_yaw[0], xy_yaw[1], 0.0))
+        R = np.asarray(matrix_from_wxyz(wxyz_from_rpy(self._roll, self._pitch, self._yaw)))
+        self._position = self._position + along * R[:, 0]
+        return se3(R, self._position)

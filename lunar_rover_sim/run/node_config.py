@@ -285,7 +285,7 @@ class SlamNodeConfig(NodeConfig):
 
 STEREO, TRUE_DEPTH, LIDAR = 'stereo', 'true_depth', 'lidar'
 DEPTH_TOPICS = {STEREO: topics.DEPTH, TRUE_DEPTH: topics.TRUE_DEPTH, LIDAR: topics.LIDAR_DESKEWED}
-_POSE = ('truth: odom; wheels: wheel/odometry, with pitch and roll of imu/data_raw; slam: '
+_POSE = ('truth: odom; wheels: wheel/odometry, with the angles of imu/data_raw; slam: '
          'slam/pose, anchored at the start of the rover')
 
 

@@ -102,7 +102,7 @@ class Drifting(Poses):
 
 
 class Wheels(Poses):
-    """Wheel odometry, with pitch and roll of the IMU."""
+    """Wheel odometry, with the angles of the IMU."""
 
     def __init__(self, state: RoverState, scenario: Scenario, seed: int) -> None:
         super().__init__(state)

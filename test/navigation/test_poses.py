@@ -64,9 +64,24 @@ def test_wheels_with_an_imu_climb_a_slope():
     for k in range(1001):
         wheels.add_imu(k * 5_000_000, (0.0, 0.0, 0.0), force)
         T = wheels.base((0.0005 * k, 0.0, 0.0), start)
-    assert T[:3, 3] == pytest.approx((1.0, 2.5, 0.5 + 0.5 * np.sin(-pitch)), abs=1e-3)
+    assert T[:3, 3] == pytest.approx((1.0, 2.0 + 0.5 * np.cos(pitch), 0.5 + 0.5 * np.sin(-pitch)),
+                                     abs=1e-3)
     assert rpy_from_wxyz(wxyz_from_matrix(T[:3, :3])) == pytest.approx((0.0, pitch, np.pi / 2),
                                                                        abs=1e-6)
+
+
+def test_the_heading_is_that_of_the_gyroscope_where_legs_slip():
+    """A quarter of a circle to the left; legs that slip say that it was half of it."""
+    wheels, n, radius = LevelledWheels(), 2000, 1.0
+    turn, gravity = 0.5 * np.pi, (0.0, 0.0, 1.62)
+    for k in range(n + 1):
+        wheels.add_imu(k * 5_000_000, (0.0, 0.0, turn / n / 0.005), gravity)
+        said, way = 0.5 * turn * k / n, radius * turn * k / n
+        wide = radius * 2.0
+        T = wheels.base((wide * np.sin(way / wide), wide * (1.0 - np.cos(way / wide)), said),
+                        np.eye(4))
+    assert T[:3, 3] == pytest.approx((radius, radius, 0.0), abs=2e-3)
+    assert rpy_from_wxyz(wxyz_from_matrix(T[:3, :3]))[2] == pytest.approx(turn, abs=2e-3)
 
 
 def test_the_gyroscope_carries_a_fast_pitch_which_the_accelerometer_would_miss():
