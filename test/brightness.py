@@ -5,8 +5,6 @@ law agree, the mean over many pixels of one geometry does not depend on the dist
 resolution of the image.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 import dataclasses
 

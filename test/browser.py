@@ -1,7 +1,5 @@
 """A page in headless Chromium, over its DevTools protocol."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Iterator
 import contextlib

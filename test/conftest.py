@@ -1,7 +1,5 @@
 """What tests of the real graph share: a small world, a ROS domain, one recorded run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 import fcntl
 import os

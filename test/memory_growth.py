@@ -7,8 +7,6 @@ writes memory.csv, memory.png and memory.json into FOLDER and exits with 1 if a 
 has ever held more than LIMIT_MIB above what it held at the end of the warm-up.
 """
 
-from __future__ import annotations
-
 import argparse
 from contextlib import suppress
 import csv

@@ -1,7 +1,5 @@
 """A plain rclpy program beside a node, as in somebody else's stack."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import signal

@@ -1,7 +1,5 @@
 """Small worlds and a plain trot for the tests of physics: no builder, no gait controller."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

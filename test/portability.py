@@ -5,8 +5,6 @@ one; `qemu` runs whole parts on an emulated processor, where qemu-user is instal
 for each switch and part how many tests passed and failed.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How well two images match: the measure by which relief that repeats is found."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

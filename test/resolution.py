@@ -5,8 +5,6 @@ be, the finer image averaged over the pixels of the coarser one is as bright at 
 as much of it is in shadow.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 import dataclasses
 

@@ -1,7 +1,5 @@
 """Rolling ground with rocks, and the rover on it, for tests of the renderer."""
 
-from __future__ import annotations
-
 import camera_scene as scene
 import numpy as np
 

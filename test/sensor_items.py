@@ -4,8 +4,6 @@ The LiDAR looks at the plane on which the rover of `synthetic_bag` drives; other
 true there.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import synthetic_bag as synthetic
 

@@ -1,7 +1,5 @@
 """Code blocks of the README and of the pages in docs/."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 import dataclasses
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Stages in tests: OpenUSD's own validators."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pxr import Usd, UsdValidation

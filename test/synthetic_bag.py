@@ -4,8 +4,6 @@ A rover drives an arc on a flat, textured plane while it rocks; everything is an
 IMU, odometry, images, depth and disparity agree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 import dataclasses
 from pathlib import Path

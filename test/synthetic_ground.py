@@ -1,7 +1,5 @@
 """Changes of the ground in a synthetic drive."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Defaults of parameters that are known: from nature, data sheets and animals."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Rotations and frames: identities."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

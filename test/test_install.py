@@ -1,7 +1,5 @@
 """What colcon, pip and ros2 need to know: a wheel is built and installed, and looked at."""
 
-from __future__ import annotations
-
 import ast
 from configparser import ConfigParser
 from importlib import metadata

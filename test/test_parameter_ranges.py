@@ -1,7 +1,5 @@
 """What parameters may be, by what they are: lengths, times, shares, angles."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import math

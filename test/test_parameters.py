@@ -1,7 +1,5 @@
 """Parameter sets: declaration, checks, errors that name the parameter, round trip."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """The way in for Python programs: what a user types, without ROS and with it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import inspect
 import math

@@ -1,7 +1,5 @@
 """Time in ns, to and from seconds as text."""
 
-from __future__ import annotations
-
 import pytest
 
 from lunar_rover_sim.seconds import from_seconds, in_seconds, NS_PER_S

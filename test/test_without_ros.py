@@ -1,7 +1,5 @@
 """Commands and nodes where no ROS, or no extra, is installed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A client of the websocket that `run --view` serves: the protocol of Foxglove, by hand."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 import contextlib

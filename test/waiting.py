@@ -1,7 +1,5 @@
 """Waiting for other processes: for what comes sooner or later, at any speed of the machine."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import time
 

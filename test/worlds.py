@@ -1,7 +1,5 @@
 """Worlds that several tests share; each is built once, for all workers of xdist."""
 
-from __future__ import annotations
-
 import functools
 import json
 from typing import Any

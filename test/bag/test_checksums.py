@@ -1,7 +1,5 @@
 """Checksums of MCAP files: other readers accept them, and damage is found."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from mcap.reader import make_reader

@@ -1,7 +1,5 @@
 """Bags are untrusted: what is no bag is one BagError, and nothing hangs."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How long a recording is in simulated time, and its real-time factor."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Recordings that are cut off: by a kill, a full disk, or anywhere in the file."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from pathlib import Path

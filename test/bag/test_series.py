@@ -1,7 +1,5 @@
 """Whole topics as arrays, and the distance driven."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Writing bags: stamps as bag time, profiles, types, and what other readers make of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import types
 

@@ -1,7 +1,5 @@
 """The list of cameras: what a run knows of each entry, and when its images are due."""
 
-from __future__ import annotations
-
 import pytest
 
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount

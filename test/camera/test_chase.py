@@ -1,7 +1,5 @@
 """The chase camera: where it hangs, and how it moves."""
 
-from __future__ import annotations
-
 import camera_scene as scene
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Compressed images: what image_transport writes, bit by bit where that can be said."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The equidistant fisheye: where it images what, and how bright."""
 
-from __future__ import annotations
-
 import math
 
 import cv2

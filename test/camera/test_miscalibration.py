@@ -1,7 +1,5 @@
 """The right camera that differs from its CameraInfo: geometry, brightness, what is told of it."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The data card for other programs (Croissant, Hugging Face), and the page for people."""
 
-from __future__ import annotations
-
 import csv
 from html.parser import HTMLParser
 import json

@@ -1,7 +1,5 @@
 """Campaign files, designs, episodes: what is drawn, how it spreads, that it repeats."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

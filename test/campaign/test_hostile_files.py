@@ -1,7 +1,5 @@
 """Scenarios, campaigns and data sets are untrusted: what hurts is refused in one line."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 import contextlib
 import json

@@ -1,7 +1,5 @@
 """What is recognised as finished, what is made again, what is left alone; no ROS."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import json
 import os

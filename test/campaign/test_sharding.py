@@ -1,7 +1,5 @@
 """Shards of a whole data set, and the pool that makes its episodes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Campaigns over real graphs: killed, resumed, reproduced byte for byte, on a real cluster."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 import contextlib
 import json

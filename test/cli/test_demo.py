@@ -1,7 +1,5 @@
 """`demo`, and what --fast sets."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """--json: one object on stdout and nothing else, for every command that has a result to read."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 import json

@@ -1,7 +1,5 @@
 """The command line as a whole: a table of commands, and only the chosen one is imported."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 import json

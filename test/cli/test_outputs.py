@@ -1,7 +1,5 @@
 """Outputs that cannot be written, and paths of the wrong kind: one line, nothing left behind."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What commands say of their results: how it went, where the files are, what to try."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The command `view`: physics in MuJoCo's window."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Sets of images of a made texture."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Comparison of image sets, held to known answers: itself, blurred, darkened, noisier, another."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

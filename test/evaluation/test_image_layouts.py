@@ -1,7 +1,5 @@
 """Readers of image sets, on small sets made to the documentation of each layout."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The measures of an image by closed forms, and their sets by hand."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

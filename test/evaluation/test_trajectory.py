@@ -1,7 +1,5 @@
 """Evaluation of trajectories: identities, agreement with evo, truth between its samples."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 from evaluation.wandering import noisy, wander

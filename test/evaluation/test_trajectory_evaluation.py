@@ -1,7 +1,5 @@
 """Files, bags and trajectories judged by the command and by Python."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Trajectories in files: what is kept, and what is refused."""
 
-from __future__ import annotations
-
 from evaluation.wandering import wander
 import numpy as np
 import pytest

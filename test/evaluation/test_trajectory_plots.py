@@ -1,7 +1,5 @@
 """The pictures of an evaluation show its numbers: curves are read back from the figures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """Trajectories of a rover that wanders, true and estimated."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """Every example runs, on a small world with small images, and does what it says."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A share of the mutated inputs; all of them: `python test/fuzz/main.py`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import subprocess
 import sys

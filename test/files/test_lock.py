@@ -1,7 +1,5 @@
 """Locks between processes: held once, and made or not."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Files are untrusted: what cannot be read is one error of the subject, and nothing hangs."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import struct

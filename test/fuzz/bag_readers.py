@@ -1,7 +1,5 @@
 """Readers of bags; see `readers.py`."""
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 import random

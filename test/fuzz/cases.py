@@ -1,7 +1,5 @@
 """One case: a mutated input, its reader, and how that ends; here or by the command line."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What must hold of everything that a reader accepts or says."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

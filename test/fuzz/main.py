@@ -14,8 +14,6 @@ Prints each failure with the command that repeats it, and a table; writes fuzz.j
 into FOLDER; exits with 1 if any case failed.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections import Counter
 import dataclasses

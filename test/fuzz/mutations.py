@@ -3,8 +3,6 @@
 Each takes a `random.Random` and the content, and returns what takes its place.
 """
 
-from __future__ import annotations
-
 import copy
 import io
 import json

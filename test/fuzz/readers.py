@@ -6,8 +6,6 @@ error of the package where it is refused, and `Contradiction` where something wa
 documentation excludes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 import dataclasses
 import functools

@@ -1,7 +1,5 @@
 """Valid inputs of every reader, small: each is a folder that a case copies and mutates."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 import shutil

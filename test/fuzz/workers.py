@@ -1,7 +1,5 @@
 """Processes that read cases, one after another, and are replaced when they hang or die."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 import contextlib
 import multiprocessing

@@ -1,7 +1,5 @@
 """Walking without ROS, as a Python user would type it, and what becomes of bad input there."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

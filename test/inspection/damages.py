@@ -1,7 +1,5 @@
 """Damages of a synthetic bag, and what `bag check` says of each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import copy
 import dataclasses

@@ -1,7 +1,5 @@
 """`bag check` compares what metadata.yaml says of each file with what the file holds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 import shutil

@@ -1,7 +1,5 @@
 """`bag preview`, its figure of heading and power, and the other commands on bags."""
 
-from __future__ import annotations
-
 import shutil
 
 import cv2

@@ -1,7 +1,5 @@
 """`bag check` and `bag hash`: a good bag passes; every damage is found and named."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 from pathlib import Path

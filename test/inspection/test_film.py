@@ -1,7 +1,5 @@
 """Films of drives: what they show, and what is refused."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The figure of heading and power of `bag preview`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """A bag played to a client of the live view."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import threading
 

@@ -1,7 +1,5 @@
 """`bag preview` shows the sensors besides the left camera."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """What Numba compiles is compiled once: not for every scan, nor for every kind of world."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

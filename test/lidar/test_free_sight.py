@@ -1,7 +1,5 @@
 """Rays meet nothing where bounds on their slopes say so, and the bounds say so of most of it."""
 
-from __future__ import annotations
-
 import numpy as np
 from physics_scene import make_world
 import pytest

@@ -1,7 +1,5 @@
 """Patterns, motion and scans."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Beams on the rover against ray casts of MuJoCo on its geoms and the meshes of its body."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import mujoco

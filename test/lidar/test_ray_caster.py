@@ -1,7 +1,5 @@
 """Ray casting against closed forms and MuJoCo."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from physics_scene import make_world, plane_heights

@@ -1,7 +1,5 @@
 """Returns of a beam: reflectance, drop-out, noise, limits of the range."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mutants of the domain code, drawn at random: places, operators, what has no behaviour."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 import dataclasses

@@ -4,8 +4,6 @@ Lines that a fixture of a wider scope executes count for all tests that use it. 
 are emptied before each test, so that what they hold counts for every test that needs it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator
 import json
 import os

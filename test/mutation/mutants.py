@@ -12,8 +12,6 @@ continues where it was. `--again` tests the survivors with the present tests: a 
 the text of its line, so that other lines may move meanwhile.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 import csv

@@ -1,7 +1,5 @@
 """What tests of nodes share: a plain rclpy node beside them, a state."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 import dataclasses
 from typing import Any

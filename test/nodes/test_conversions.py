@@ -1,7 +1,5 @@
 """Messages made from states and read back: axes, order, covariances; boxes of vision_msgs."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from types import ModuleType, SimpleNamespace

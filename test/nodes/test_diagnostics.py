@@ -1,7 +1,5 @@
 """Diagnostics as users of diagnostic_updater know them, and the pace of the wall clock."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import math
 import re

@@ -1,7 +1,5 @@
 """A late reader gets the present; time that goes back; QoS overrides; use_sim_time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager, ExitStack
 import dataclasses

@@ -1,7 +1,5 @@
 """lidar_node in runs: its messages, and a run that goes on without it."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 

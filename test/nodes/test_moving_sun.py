@@ -1,7 +1,5 @@
 """The sun of a date and the ground move during a run, in pictures and topics alike."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 import threading

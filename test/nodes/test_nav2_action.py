@@ -1,7 +1,5 @@
 """NavigateToPose on stand-ins of the action's types and server: nav2_msgs is not in the wheels."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """mapping_node on clouds of a LiDAR; goals that navigator_node refuses."""
 
-from __future__ import annotations
-
 import signal
 import threading
 

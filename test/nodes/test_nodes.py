@@ -1,7 +1,5 @@
 """Nodes alone, beside a plain rclpy program, as in somebody else's stack."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import signal
 import time

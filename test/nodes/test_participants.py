@@ -1,7 +1,5 @@
 """Who takes part in lockstep: what works, what is refused at once, how answers are judged."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

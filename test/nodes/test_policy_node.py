@@ -1,7 +1,5 @@
 """policy_node: it answers as the gait controller does, pairs states with the IMU, and stands."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 import time

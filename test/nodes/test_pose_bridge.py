@@ -4,8 +4,6 @@ The stand-in of SetEntityState has the fields of simulation_interfaces, version 
 it is told to. The last test calls the real service too where the package is installed.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """Recorders beside a plain rclpy program; both types of cmd_vel; nodes in namespaces."""
 
-from __future__ import annotations
-
 from contextlib import ExitStack
 from pathlib import Path
 import signal

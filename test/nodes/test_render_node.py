@@ -1,7 +1,5 @@
 """render_node alone, beside a plain rclpy program: images, truth, clouds, further cameras."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Sensors that are computed when they are due, and while somebody reads them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 import dataclasses
 from types import SimpleNamespace

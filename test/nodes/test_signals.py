@@ -1,7 +1,5 @@
 """SIGINT and SIGTERM end every node quietly, at any moment of its life."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 import os
 from pathlib import Path

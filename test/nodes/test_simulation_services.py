@@ -4,8 +4,6 @@ The stubs have the fields of version 2. The last test needs the package itself: 
 that is not installed.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 import re
 from types import SimpleNamespace

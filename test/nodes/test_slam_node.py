@@ -1,7 +1,5 @@
 """slam_node: a program over pipes, beside the whole graph and beside a plain publisher."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 import shlex

@@ -1,7 +1,5 @@
 """What is published of every state: transforms, order, messages that are refilled."""
 
-from __future__ import annotations
-
 import dataclasses
 import logging
 from typing import Any

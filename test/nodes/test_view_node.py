@@ -1,7 +1,5 @@
 """view_node alone: what a client of its websocket gets."""
 
-from __future__ import annotations
-
 import importlib.util
 
 import pytest

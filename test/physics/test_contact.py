@@ -1,7 +1,5 @@
 """Feet on the ground: stiffness, friction, energy, forces."""
 
-from __future__ import annotations
-
 import re
 
 import mujoco

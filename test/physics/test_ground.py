@@ -1,7 +1,5 @@
 """What MuJoCo collides with is the world's own surface."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import mujoco

@@ -1,7 +1,5 @@
 """Motors: torque-speed limit, current limit, stall, velocity control, against the data sheet."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import mujoco

@@ -1,7 +1,5 @@
 """The rover put elsewhere by hand: it stands there, the IMU feels no jump, nonsense is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 from physics_scene import GRAVITY, simulate
 import pytest

@@ -1,7 +1,5 @@
 """A rover that lies on its side or back has tipped over, once."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

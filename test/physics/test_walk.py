@@ -1,7 +1,5 @@
 """Walking: convergence with the step, determinism, the IMU's truth against the trajectory."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

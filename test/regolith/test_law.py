@@ -1,7 +1,5 @@
 """The compiled law against sums over facets, plain formulae, and its own continuity."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """How results are compared with those that are stored, by pytest-regressions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

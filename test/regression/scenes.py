@@ -1,7 +1,5 @@
 """Small worlds, grounds and rocks of the regression cases, without symmetry or round numbers."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lenses, image sensors, stereo matching and what is made of images and trajectories."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

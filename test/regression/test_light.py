@@ -1,7 +1,5 @@
 """Reflectance, shadows, indirect light, the sky and the sensors of light."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gait, walks on rigid ground and the sensors of the body: numbers that are choices."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import dataclasses
 from typing import Any

@@ -1,7 +1,5 @@
 """Earthshine: the light of the Earth is added to that of the sun, on all that is drawn."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import camera_scene as scene

@@ -1,7 +1,5 @@
 """Fisheyes in the world of the stereo pair: geometry, light, motion."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 import math
 

@@ -1,7 +1,5 @@
 """Cameras besides the stereo pair, in the same world."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import camera_scene as scene

@@ -1,7 +1,5 @@
 """What of the ground is drawn: chunks by view, and rows by what their pixels need."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import camera_scene as scene

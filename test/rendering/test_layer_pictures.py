@@ -1,7 +1,5 @@
 """Colours of truth layers mean what the documentation says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Each source of light falls on each kind of surface: on ground, rocks and the rover."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import camera_scene as scene

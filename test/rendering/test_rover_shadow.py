@@ -1,7 +1,5 @@
 """The shadow of the rover: looked for only where it may fall, and found wherever it does."""
 
-from __future__ import annotations
-
 import camera_scene as scene
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Supersampling: light at several samples a pixel, truth at its centre."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 import dataclasses

@@ -1,7 +1,5 @@
 """The six-legged rover: what has a value per leg follows from the list in its file."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """The rover's description, MJCF, URDF and meshes say the same."""
 
-from __future__ import annotations
-
 from xml.etree import ElementTree
 
 import mujoco

@@ -1,7 +1,5 @@
 """Child processes: how they end is reported, and none outlives its time or its parent."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """The end of a run: the order in which nodes stop, failures, and the mark on the bag."""
 
-from __future__ import annotations
-
 from lunar_rover_sim.run.ending import DONE, Ending, Step
 
 NODES = ('recorder_node', 'drive_node', 'physics_node', 'gait_controller_node', 'render_node',

@@ -1,7 +1,5 @@
 """The live view: real bytes over a real socket, and its page in a browser."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 import http.client
 import json

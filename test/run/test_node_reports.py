@@ -1,7 +1,5 @@
 """States that nodes report through a pipe, and warnings in their logs."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Parameter files and launch arguments as ROS 2 gives them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import re
 

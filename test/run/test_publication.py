@@ -1,7 +1,5 @@
 """What a run publishes and records, and the gate that its time waits at."""
 
-from __future__ import annotations
-
 import pytest
 
 from lunar_rover_sim import topics

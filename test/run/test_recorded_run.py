@@ -1,7 +1,5 @@
 """Real runs: every topic of the contract, what messages say, a drive to a goal."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from conftest import BLIND, PLAIN, simulate, SMALL

@@ -1,7 +1,5 @@
 """Recordings: made once, kept or completed, and what one says of itself."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """ROS domains, and the environment that the processes of a graph inherit."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import signal

@@ -1,7 +1,5 @@
 """The real graph over real DDS: nodes that fail, signals, and what is refused."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import re

@@ -1,7 +1,5 @@
 """Scenarios: packaged files, overrides, resolution, mistakes."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """When a run counts as hung: time stands still, and none of its nodes works."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from pathlib import Path

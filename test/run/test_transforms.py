@@ -1,7 +1,5 @@
 """Transforms that are made where no node can publish them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import synthetic_bag as synthetic

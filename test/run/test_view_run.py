@@ -1,7 +1,5 @@
 """`run --view` as a user has it: a real graph, its live view, and a client that watches."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import signal

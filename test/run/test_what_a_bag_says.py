@@ -1,7 +1,5 @@
 """What a bag says of its run: where its world is found, by everything that asks for it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import shutil
 

@@ -1,7 +1,5 @@
 """IMU noise: what was configured is what is in the signal."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

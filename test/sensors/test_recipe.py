@@ -3,8 +3,6 @@
 The sensor is added to a copy of the package, in which a campaign of one episode is recorded.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What holds of all sensors."""
 
-from __future__ import annotations
-
 from lunar_rover_sim import topics
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig

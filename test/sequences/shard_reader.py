@@ -1,7 +1,5 @@
 """What a reader of WebDataset finds in shards, by plain libraries."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import tarfile
 

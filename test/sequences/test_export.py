@@ -1,7 +1,5 @@
 """Export to EuRoC, TUM and KITTI, and ORB-SLAM3 settings."""
 
-from __future__ import annotations
-
 import re
 
 import cv2

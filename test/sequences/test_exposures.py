@@ -1,7 +1,5 @@
 """Exposure times from a bag into its check, its pictures, its card and every export format."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Hazard cameras in exports: a fisheye with truth at half the rate, and a pair without."""
 
-from __future__ import annotations
-
 import io
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """COCO and YOLO exports: masks, boxes and outlines read back are those of the label images."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """LiDAR, heading and power in samples of WebDataset, and what other formats say of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import functools
 import io

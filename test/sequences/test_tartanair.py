@@ -1,7 +1,5 @@
 """TartanAir export: layout, axes, depth, calibration; against the analytic bag."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

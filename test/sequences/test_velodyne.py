@@ -1,7 +1,5 @@
 """LiDAR scans in KITTI sequences, read as the devkit's readme says: plain arrays, P and Tr."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

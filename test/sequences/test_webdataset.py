@@ -1,7 +1,5 @@
 """WebDataset shards: what tars hold is what the bag holds, in samples that readers find."""
 
-from __future__ import annotations
-
 import io
 import json
 from pathlib import Path

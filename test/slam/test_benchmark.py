@@ -1,7 +1,5 @@
 """The benchmark: cells done once, stopped anywhere, failures that keep their reason."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 import functools
 import json

@@ -1,7 +1,5 @@
 """Drives of a benchmark: seeds, CSVs, parts that are joined, and their tables."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import io

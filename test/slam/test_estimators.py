@@ -1,7 +1,5 @@
 """Estimators on recordings: right, wrong, lost or crashing ones; and damaged sequences."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 import sys

@@ -1,7 +1,5 @@
 """What the drives of a benchmark show: medians, paired comparisons, sentences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

@@ -1,7 +1,5 @@
 """The protocol of slam_node's pipes, ORB-SLAM3's adapter, and wrappers of live SLAM."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 import shutil

@@ -1,7 +1,5 @@
 """The reference odometry on views of a textured plane, computed exactly."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import cv2

@@ -1,7 +1,5 @@
 """The reference odometry on what the renderer draws: the image itself must be metric."""
 
-from __future__ import annotations
-
 import runpy
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Vocabularies: their text as DBoW2 reads it, their words, their weights."""
 
-from __future__ import annotations
-
 from collections import Counter
 import math
 from pathlib import Path

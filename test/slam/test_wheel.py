@@ -1,7 +1,5 @@
 """ORB-SLAM3 as a wheel: resource/orb_slam3/wheel.py with a stand-in for its interface."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 import runpy

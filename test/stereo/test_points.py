@@ -1,7 +1,5 @@
 """Points of a cloud: they project to their pixels, at their depth."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from lunar_rover_sim.stereo.points import grey, points_from_depth

@@ -1,7 +1,5 @@
 """A rover that sees drives around a rock on which a blind one hangs; cases, store, report."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import mujoco

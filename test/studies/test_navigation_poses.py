@@ -1,7 +1,5 @@
 """Poses of the navigation study: where they begin, how old they are, and when they end."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

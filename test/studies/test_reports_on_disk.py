@@ -1,7 +1,5 @@
 """Plots and tables of the studies are written whole or not at all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 import resource

@@ -1,7 +1,5 @@
 """What the tests of stages share."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 

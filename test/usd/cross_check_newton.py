@@ -7,8 +7,6 @@ newton usd-core mujoco-warp. Exits with 1 where something differs from the stage
 rest from the weight by more than 1 %.
 """
 
-from __future__ import annotations
-
 import sys
 
 import mujoco

@@ -1,7 +1,5 @@
 """A drive as a stage: poses, cameras and signals as recorded, one stage with world and rover."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

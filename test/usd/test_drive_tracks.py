@@ -1,7 +1,5 @@
 """Tracks of a drive as a stage: the recorded ground at each frame, and no gap around it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

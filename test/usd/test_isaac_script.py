@@ -1,7 +1,5 @@
 """The script for a live rover in Isaac Sim, on stand-ins of its modules and a real stage."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import runpy
 import sys

@@ -1,7 +1,5 @@
 """Names of stages, missing OpenUSD, nothing half-written."""
 
-from __future__ import annotations
-
 from pathlib import Path
 import sys
 

@@ -1,7 +1,5 @@
 """The rover as a stage: masses, joints, shapes, cameras."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A world as a stage: what MuJoCo collides with, what the renderer is lit by."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Maps from orbit: means over pixels, errors of the stated size, features where they are."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
