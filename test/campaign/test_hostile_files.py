@@ -171,13 +171,6 @@ def test_values_are_shown_briefly() -> None:
     assert brief([1, 2.5, 'a']) == "[1, 2.5, 'a']"
 
 
-@pytest.mark.parametrize('text', ['&a 1', '*a', 'a: &x {b: 1}', 'a: !!int 3', '!t {}', '!!str 1'])
-def test_yaml_is_plain(text: str) -> None:
-    """No anchors, aliases, tags."""
-    with pytest.raises(ConfigError, match='not valid YAML: (anchors|tags|found undefined alias)'):
-        parse_yaml(text, 'x.yaml')
-
-
 def test_a_key_twice_is_refused() -> None:
     """At any depth."""
     for text in ('a: 1\na: 2', 'x: [{a: 1, a: 1}]', 'x: {y: {"a": 1, a: 2}}'):

@@ -175,7 +175,7 @@ def test_command(plain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     (['{}/none', '{}'], 'none: there is no such folder or bag'),
     (['{}', '{}'], 'holds no images; valid are a bag'),
     (['{}', '{}', '--frames', '0'], 'frames: 0 is not valid'),
-    (['{}', '{}', '--width', '8'], 'width: 8 is not valid'),
+    (['{}', '{}', '--width', '31'], 'width: 31 is not valid'),
 ])
 def test_bad_input(arguments: list[str], problem: str, tmp_path: Path,
                    capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,6 +1,7 @@
 """Files are written whole or not at all."""
 
 import os
+from pathlib import Path
 import subprocess
 import sys
 
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 from waiting import LIMIT_S
 
+from lunar_rover_sim.bag import marker
 from lunar_rover_sim.errors import BagError, WorldError
 from lunar_rover_sim.files.atomic import atomic_write, partial_folder
 from lunar_rover_sim.files.figures import save_figure
+from lunar_rover_sim.files.paths import lock
 
 # Is killed in the middle of a write.
 KILLED = """
@@ -137,3 +140,28 @@ def test_half_a_figure_is_none(tmp_path, monkeypatch):
         with pytest.raises(WorldError, match=f'{name}: cannot be written: No space left'):
             save_figure(Figure(), tmp_path / name, WorldError)
     assert files_in(tmp_path) == ['a.png'] and (tmp_path / 'a.png').read_bytes() == whole
+
+
+@pytest.mark.parametrize('name', ['file', '.'])
+def test_a_lock_is_held_once(tmp_path: Path, name: str) -> None:
+    """On a file that is made, and on a folder."""
+    first = lock(tmp_path / name)
+    with pytest.raises(BlockingIOError):
+        lock(tmp_path / name)
+    os.close(first)
+    os.close(lock(tmp_path / name))
+
+
+def test_a_bag_without_a_mark_gets_none(tmp_path: Path) -> None:
+    """An empty mark would call a complete bag incomplete."""
+    with pytest.raises(FileNotFoundError):
+        marker.lock(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_mark_of_a_bag_is_locked(tmp_path: Path) -> None:
+    """As long as the file is open."""
+    marker.mark(tmp_path)
+    with marker.lock(tmp_path), pytest.raises(BlockingIOError):
+        marker.lock(tmp_path)
+    marker.lock(tmp_path).close()

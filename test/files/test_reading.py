@@ -1,5 +1,6 @@
 """Files are untrusted: what cannot be read is one error of the subject, and nothing hangs."""
 
+import logging
 import os
 from pathlib import Path
 import struct
@@ -13,6 +14,7 @@ import yaml
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.files.arrays import map_array, read_archive
 from lunar_rover_sim.files.images import read_picture
+from lunar_rover_sim.files.library_output import stderr_to_log
 from lunar_rover_sim.files.paths import check_regular, user_path
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml, yaml_of
 from lunar_rover_sim.world.cache import cache_folder
@@ -131,3 +133,22 @@ def test_yaml_is_written_as_pyyaml_itself_writes_it(layout) -> None:
         'text': ['a' * 120, 'word ' * 60, 'two\nlines\n', '\ttab \\ "q" \'q\'', 'é 日本 🚀 \x07'],
         'deep': {'a': {'b': {'c': [True, {'d': 1}]}}}}
     assert yaml_of(document, **layout) == yaml.safe_dump(document, sort_keys=False, **layout)
+
+
+def test_the_terminal_sees_nothing_of_it(capfd, caplog):
+    logger = logging.getLogger('lunar_rover_sim.test')
+    with caplog.at_level(logging.INFO):
+        with stderr_to_log(logger):
+            os.write(2, b'one\xff\ntwo\n')
+    assert [record.getMessage() for record in caplog.records] == ['one\ufffd', 'two']
+    os.write(2, b'after\n')
+    assert capfd.readouterr().err == 'after\n'
+
+
+def test_an_error_passes_and_the_terminal_is_back(capfd):
+    try:
+        with stderr_to_log(logging.getLogger('lunar_rover_sim.test')):
+            raise KeyError
+    except KeyError:
+        os.write(2, b'after\n')
+    assert capfd.readouterr().err == 'after\n'

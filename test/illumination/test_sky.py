@@ -5,14 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.frames import sun_direction
+from lunar_rover_sim.illumination import sky_figure
 from lunar_rover_sim.illumination.config import GIVEN, SunConfig, SunSiteConfig
 from lunar_rover_sim.illumination.dates import parse_date
 from lunar_rover_sim.illumination.ephemeris import sun_and_earth
-from lunar_rover_sim.illumination.light_time import sky_over_time
+from lunar_rover_sim.illumination.light_time import sky_over_time, SkyOverTime
 from lunar_rover_sim.illumination.sky import lit_share, sky
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
+from lunar_rover_sim.illumination.sun_path import check_last_date, SunPath
 from lunar_rover_sim.world.site import Site
 
 # NASA's Scientific Visualization Studio, Moon Phase and Libration 2020, 2021 and 2022 (svs 4768,
@@ -180,3 +182,141 @@ def test_no_sun_of_a_date(sun, site, match):
 def test_a_site_that_is_not_used_is_refused():
     with pytest.raises(ConfigError, match='lat_deg: -89.5 is not valid with source world'):
         SunSiteConfig(lat_deg=-89.5)
+
+
+SITE = SunSiteConfig(GIVEN, 0.0, -85.0)
+HOUR_NS = 3600 * 10**9
+
+
+def dated(date='2026-11-28T00:00:00Z', **more):
+    return sun_of_date(SunConfig(date=date, site=SITE, **more), None)
+
+
+def direction(sun):
+    return sun_direction(sun.azimuth_deg, sun.elevation_deg)
+
+
+@pytest.mark.parametrize('more', [{}, {'rate': 3600.0}, {'step_deg': 0.5, 'rate': 60.0}])
+def test_steps(more):
+    """The sun of a step is that of the ephemeris at its start, and moves by no more than asked."""
+    sun = dated(**more)
+    path = SunPath(sun)
+    assert path.of_step(0) == sun
+    moved = []
+    for step in (1, 2, 500, 501):
+        before, after = (direction(path.of_step(k)) for k in (step - 1, step))
+        moved.append(np.degrees(np.linalg.norm(after - before)))
+        seconds = 1e-9 * path.start_ns(step) * sun.rate
+        date = np.datetime64('2026-11-28T00:00:00', 'us') + np.timedelta64(
+            round(1e6 * seconds), 'us')
+        body = sky(Site(0.0, -85.0), np.asarray(date)).sun
+        assert path.of_step(step).azimuth_deg == pytest.approx(float(body.azimuth_deg), abs=1e-5)
+        assert path.step(path.start_ns(step)) == step == path.step(path.start_ns(step) - 1) + 1
+    assert np.all(np.array(moved) <= sun.step_deg * 1.0001)
+    assert np.all(np.array(moved) > 0.98 * sun.step_deg)
+
+
+def test_a_day_of_the_sky_in_a_run():
+    """After an hour at a rate of 24 it is a day later; at a rate of 0 nothing moves."""
+    path = SunPath(dated(rate=24.0))
+    later = path.of_step(path.step(HOUR_NS))
+    tomorrow = dated('2026-11-29T00:00:00Z')
+    apart = np.linalg.norm(direction(later) - direction(tomorrow))
+    assert np.degrees(apart) <= 0.05
+    for still in (dated(rate=0.0), SunConfig(azimuth_deg=10.0)):
+        assert not SunPath(still).moves and SunPath(still).step(10**18) == 0
+
+
+def test_the_sun_sets():
+    """Below the horizontal it shines no more, and it stays valid."""
+    path = SunPath(dated('2026-12-03T00:00:00Z', rate=86400.0))
+    night = path.of_step(path.step(3 * 10**9))
+    assert night.elevation_deg == -1.0 and not night.shines
+    assert night.date.startswith('2026-12-0')
+
+
+def test_bad_input():
+    with pytest.raises(ConfigError, match='rate: 60 is not valid without a date'):
+        SunConfig(rate=60.0)
+    with pytest.raises(ConfigError, match='step_deg: 0.0 is not valid'):
+        SunConfig(step_deg=0.0)
+    late = dated('2099-12-31T00:00:00Z', rate=86400.0)
+    check_last_date(late, 1.0)
+    with pytest.raises(ConfigError, match='rate: 86400 is not valid with a duration of 2 s') as e:
+        check_last_date(late, 2.0)
+    assert 'valid is <= 4.32e+04' in str(e.value)
+    with pytest.raises(ConfigError, match='sun.date: 2100-01-01T23'):
+        SunPath(late).of_step(SunPath(late).step(2 * 10**9))
+    check_last_date(dataclasses.replace(late, rate=0.0), 1e9)
+
+
+HOURS = np.datetime64('2026-03-01T00:00:00', 'us') + np.arange(0, 700, 7) * np.timedelta64(1, 'h')
+
+
+def over(horizon_deg=2.0):
+    """Return 29 days near the south pole before a horizon that rises to the north."""
+    found = sky_over_time(Site(40.0, -88.0), HOURS)
+    mask = horizon_deg * np.sin(np.radians(found.mask_azimuth_deg))
+    return SkyOverTime(HOURS, found.sky, found.mask_azimuth_deg, mask,
+                       np.interp(found.sky.sun.azimuth_deg, found.mask_azimuth_deg, mask),
+                       np.where(found.sky.sun.elevation_deg > 0.0, 0.75, 0.0))
+
+
+def curves(axes):
+    return {line.get_label(): line.get_xydata() for line in axes.lines}
+
+
+def test_elevations_over_time_and_ways_over_the_horizon():
+    sky = over()
+    figure = sky_figure.figure(sky, 'a site')
+    upper, lower = figure.axes
+    assert figure.get_suptitle() == 'a site'
+    lines = curves(upper)
+    for name, values in (('sun', sky.sky.sun.elevation_deg),
+                         ('Earth', sky.sky.earth.elevation_deg),
+                         ('horizon below the sun', sky.horizon_deg)):
+        np.testing.assert_allclose(lines[name][:, 1], values)
+    labels = [text.get_text() for text in upper.get_legend().get_texts()]
+    assert f'in light, {100.0 * sky.light_share:.1f} % of the time' in labels
+    lines = curves(lower)
+    for name, body in (('sun', sky.sky.sun), ('Earth', sky.sky.earth)):
+        np.testing.assert_allclose(lines[name],
+                                   np.stack([body.azimuth_deg, body.elevation_deg], axis=1))
+    assert lower.get_xlim() == (0.0, 360.0)
+    assert lower.get_xticks().tolist() == [45.0 * k for k in range(9)]
+
+
+@pytest.mark.parametrize('horizon_deg', [2.0, -3.0])
+def test_the_ground_is_filled_up_to_the_horizon(horizon_deg):
+    """From a degree below its lowest point."""
+    sky = over(horizon_deg)
+    (area,) = sky_figure.figure(sky, '').axes[1].collections
+    x, y = area.get_paths()[0].vertices.T
+    assert (x.min(), x.max()) == (0.0, 360.0)
+    assert y.min() == pytest.approx(-abs(horizon_deg) - 1.0)
+    assert y.max() == pytest.approx(abs(horizon_deg), abs=1e-3)
+    level = SkyOverTime(sky.dates_utc, sky.sky, sky.mask_azimuth_deg, 0.0 * sky.mask_deg + 4.0,
+                        sky.horizon_deg, sky.lit)
+    (area,) = sky_figure.figure(level, '').axes[1].collections
+    assert area.get_paths()[0].vertices[:, 1].min() == -1.0
+
+
+def test_light_is_shaded_over_the_whole_height_while_there_is_any():
+    sky = over()
+    upper = sky_figure.figure(sky, '').axes[0]
+    (area,) = upper.collections
+    low, high = upper.get_ylim()
+    lines = np.concatenate([line.get_ydata() for line in upper.lines])
+    assert low < lines.min() and high > lines.max()
+    starts = np.flatnonzero(np.diff(np.concatenate([[False], sky.lit > 0.0, [False]]))[::1])
+    assert 0.0 < sky.light_share < 0.75 and len(area.get_paths()) == len(starts) // 2
+    for path in area.get_paths():
+        assert set(np.round(path.vertices[:, 1], 9)) == {round(low, 9), round(high, 9)}
+
+
+def test_it_is_written_or_the_reason_is_named(tmp_path):
+    sky_figure.write(over(), tmp_path / 'sky.png', 'a site')
+    assert (tmp_path / 'sky.png').read_bytes().startswith(b'\x89PNG')
+    (tmp_path / 'file').write_text('in the way')
+    with pytest.raises(WorldError, match='cannot be written'):
+        sky_figure.write(over(), tmp_path / 'file' / 'sky.png', 'a site')

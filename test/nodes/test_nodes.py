@@ -16,12 +16,17 @@ from geometry_msgs.msg import Twist  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from peer import ended, fails, LEGS, Peer, running  # noqa: E402
 from rcl_interfaces.srv import DescribeParameters, SetParameters  # noqa: E402
+import rclpy  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
+from lunar_rover_sim.errors import LunarRoverSimError  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
+from lunar_rover_sim.nodes.physics_node import PhysicsNode  # noqa: E402
+from lunar_rover_sim.nodes.recorder_node import RecorderNode  # noqa: E402
+from lunar_rover_sim.nodes.render_node import RenderNode  # noqa: E402
 
 
 def test_physics_node_walks_on_commands(peer: Peer, world_folder: Path) -> None:
@@ -132,16 +137,30 @@ def test_drive_node_answers_odometry(peer: Peer) -> None:
                         meanwhile=tick)
 
 
-@pytest.mark.parametrize(('node', 'arguments', 'said'), [
-    ('physics_node', (), "world: '' is not valid"),
-    ('physics_node', ('-p', 'wrold:=/tmp'), 'did you mean world'),
-    ('render_node', ('-p', 'sun.elevation_deg:=100.0'), 'sun.elevation_deg: 100.0 is not valid'),
-    ('recorder_node', ('-p', 'output:=/tmp'), 'exists already'),
-])
-def test_wrong_parameters_are_one_line(node: str, arguments: tuple[str, ...], said: str,
-                                       domain: int) -> None:
-    """A node that cannot start says why and exits with 1."""
-    assert said in fails(node, *arguments)
+@pytest.mark.parametrize(('argument', 'said'), [
+    ('wrold:=/tmp', 'did you mean world'), ('qos_overrides./odm.publisher.depth:=3',
+                                            '/odm; did you mean /odom')])
+def test_a_wrong_parameter_ends_a_node_with_one_line(argument: str, said: str, world_folder: Path,
+                                                     domain: int) -> None:
+    """And with 1."""
+    line = fails('physics_node', '-p', f'world:={world_folder}', '-p', argument)
+    assert said in line and argument.split(':=')[0][:17] in line
+
+
+@pytest.mark.parametrize(('node', 'argument', 'said'), [
+    (PhysicsNode, 'seed:=2', "world: '' is not valid"),
+    (PhysicsNode, 'qos_overrides./odom.publisher.depth:=0',
+     'qos_overrides./odom.* 0 is not valid; valid is >= 1'),
+    (RenderNode, 'sun.elevation_deg:=100.0', 'sun.elevation_deg: 100.0 is not valid'),
+    (RecorderNode, 'output:=/tmp', 'exists already')])
+def test_what_keeps_a_node_from_starting_is_named(node: Any, argument: str, said: str,
+                                                  domain: int) -> None:
+    rclpy.init(args=['--ros-args', '-p', argument])
+    try:
+        with pytest.raises(LunarRoverSimError, match=said):
+            node()
+    finally:
+        rclpy.shutdown()
 
 
 def test_a_joint_state_without_our_joints_is_named(peer: Peer) -> None:

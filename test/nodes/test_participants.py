@@ -32,6 +32,7 @@ from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.files.paths import config_folder  # noqa: E402
 from lunar_rover_sim.nodes.gait_controller_node import GaitControllerNode  # noqa: E402
+from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery  # noqa: E402
 from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
 from lunar_rover_sim.run.plan import prepare, resolve  # noqa: E402
 from lunar_rover_sim.run.ros_domain import check_domain  # noqa: E402
@@ -76,21 +77,20 @@ def test_a_controller_with_default_qos_answers_every_state(peer: Peer,
     assert stamps == [5_000_000 * (k + 1) for k in range(len(stamps))]
 
 
-def test_answers_that_may_get_lost_are_refused(peer: Peer, world_folder: Path) -> None:
-    """BEST_EFFORT does not match; the needed QoS is named."""
-    peer.node.create_publisher(JointState, 'joint_commands', QoSProfile(
-        depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
-    line = refusal(peer, world_folder)
-    assert 'peer offers BEST_EFFORT' in line and 'QoSProfile(depth=10)' in line
-
-
-def test_a_participant_that_could_not_read_is_refused(peer: Peer, world_folder: Path) -> None:
-    """A durable subscription gets nothing of a volatile publisher."""
-    peer.node.create_publisher(JointState, 'joint_commands', 10)
-    peer.listen(Odometry, 'odom', QoSProfile(
-        depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
-    line = refusal(peer, world_folder)
-    assert '/odom: peer cannot read it: it requests TRANSIENT_LOCAL' in line
+@pytest.mark.parametrize(('offered', 'requested', 'said'), [
+    ({'reliability': ReliabilityPolicy.BEST_EFFORT}, {},
+     r'peer offers BEST_EFFORT, .* as QoSProfile\(depth=10\)'),
+    ({}, {'durability': DurabilityPolicy.TRANSIENT_LOCAL},
+     '/odom: peer cannot read it: it requests TRANSIENT_LOCAL')])
+def test_a_participant_that_would_lose_messages_is_refused(
+        peer: Peer, offered: dict[str, Any], requested: dict[str, Any], said: str) -> None:
+    """BEST_EFFORT does not match; a durable reader gets nothing of a volatile publisher."""
+    odometry = peer.node.create_publisher(Odometry, 'odom', 10)
+    peer.node.create_publisher(JointState, 'joint_commands', QoSProfile(depth=10, **offered))
+    peer.listen(Odometry, 'odom', QoSProfile(depth=10, **requested))
+    matching = ReaderDiscovery(peer.node, [odometry], ['joint_commands'])
+    with pytest.raises(GraphError, match=said):
+        peer.spin_until(lambda: matching.is_complete)
 
 
 def test_an_answer_without_a_stamp_is_refused(peer: Peer, world_folder: Path) -> None:

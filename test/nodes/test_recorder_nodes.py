@@ -16,15 +16,16 @@ pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
-from peer import LEGS, Peer, running  # noqa: E402; noqa: E402  (needs rclpy)
+from nav_msgs.msg import Path as PathMsg  # noqa: E402
+from peer import LEGS, Peer, running  # noqa: E402  (needs rclpy)
 from rcl_interfaces.srv import GetParameters  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.duration import Duration  # noqa: E402
-from sensor_msgs.msg import CompressedImage  # noqa: E402
-from sensor_msgs.msg import Imu, JointState  # noqa: E402
+from sensor_msgs.msg import CompressedImage, Imu, JointState  # noqa: E402
 
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
+from lunar_rover_sim.evaluation.trajectory_files import read_tum  # noqa: E402
 from lunar_rover_sim.files.paths import find_file  # noqa: E402
 from lunar_rover_sim.inspection.check import check  # noqa: E402
 from lunar_rover_sim.run.plan import prepare, resolve, SCENARIO_FILE  # noqa: E402
@@ -34,7 +35,6 @@ from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
 def test_recorder_node_records_what_it_finds(peer: Peer, tmp_path: Path) -> None:
     """A topic that nobody declared is recorded; those on request only where they are named."""
-    from lunar_rover_sim.bag.reader import open_bag
     publisher = peer.node.create_publisher(Twist, 'somebody/elses_topic', 20)
     named, other = (peer.node.create_publisher(
         CompressedImage, f'stereo/{side}/image_raw/compressed', 10) for side in ('left', 'right'))
@@ -78,7 +78,6 @@ def test_velocities_of_another_type_are_named_at_once(peer: Peer, tmp_path: Path
 
 def test_a_recording_that_ends_before_its_run_stays_marked(tmp_path: Path) -> None:
     """As after Ctrl-C, or where the run was killed; without a run it is as long as it is."""
-    from lunar_rover_sim.bag.reader import open_bag
     scenario = tmp_path / 'scenario.yaml'
     scenario.write_text('physics_node: {ros__parameters: {duration_s: 30.0}}\n')
     for name, arguments, expected in (
@@ -92,10 +91,10 @@ def test_a_recording_that_ends_before_its_run_stays_marked(tmp_path: Path) -> No
 
 
 def test_trajectory_recorder_node_writes_tum(peer: Peer, tmp_path: Path) -> None:
-    """An estimator's poses become a file that `evaluate` reads; a Path repeats itself, once."""
-    from nav_msgs.msg import Path as PathMsg
+    """An estimator's poses become a file that `evaluate` reads; a Path repeats itself, once.
 
-    from lunar_rover_sim.evaluation.trajectory_files import read_tum
+    Poses after a restart go to a file of their own: a trajectory has increasing stamps.
+    """
     publishers = {kind: peer.node.create_publisher(kind, f'slam/{kind.__name__.lower()}', 10)
                   for kind in (Odometry, PoseStamped, PathMsg)}
     files = {kind: tmp_path / f'{kind.__name__}.txt' for kind in publishers}
@@ -120,6 +119,13 @@ def test_trajectory_recorder_node_writes_tum(peer: Peer, tmp_path: Path) -> None
             time.sleep(0.05)
         peer.spin_until(lambda: all(len(file.read_text().splitlines()) == 5
                                     for file in files.values()))
+        for k in (1, 2):
+            pose = PoseStamped()
+            pose.header.stamp.sec, pose.pose.orientation.w = k, 1.0
+            publishers[PoseStamped].publish(pose)
+        second = tmp_path / 'PoseStamped_2.txt'
+        peer.spin_until(lambda: second.exists() and len(second.read_text().splitlines()) == 2)
+    assert read_tum(second).stamps_ns.tolist() == [10**9, 2 * 10**9]
     for file in files.values():
         trajectory = read_tum(file)
         assert trajectory.stamps_ns.tolist() == [k * 10**9 + 5 for k in range(1, 6)]

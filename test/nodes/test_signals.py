@@ -27,7 +27,7 @@ from lunar_rover_sim.run.ros_domain import check_domain  # noqa: E402
 SCRIPTS = Path(__file__).resolve().parents[2] / 'resource' / 'nodes'
 
 # After the entry point has been reached.
-DELAYS_S = (0.0, 0.2, 1.0)
+DELAYS_S = (0.0, 1.0)
 
 
 def wait_for_mask(process: int, mask: str) -> None:

@@ -6,12 +6,13 @@ import camera_scene as scene
 import cv2
 import numpy as np
 import pytest
+from repetition import features, inliers
 
-from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
 from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination import hapke
 from lunar_rover_sim.illumination.config import LampConfig
-from lunar_rover_sim.rendering.config import DetailConfig
+from lunar_rover_sim.rendering.config import DetailConfig, RenderConfig
 from lunar_rover_sim.rendering.relief_tiles import start_tiles
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
@@ -234,3 +235,127 @@ def free_of_relief(xy, height, lamp, heights):
         ray = height[k] + share[:, 0] * arm[k, 2]
         free[k] = ray > heights(xy[k] + share * arm[k, :2]) - 1e-3
     return free
+
+
+ELEVATION_DEG = 12.0
+
+
+def ground(**covers):
+    """Return the radiance over the median of level ground with these, before the rover.
+
+    The sun stands behind the upper edge of the image.
+    """
+    detail = DetailConfig(**{'relief_rms_slope': 0.0, 'pebble_cover': 0.0, 'pit_cover': 0.0,
+                             'bounce': False, 'smooth_outlines': False, **covers})
+    config = scene.config(ELEVATION_DEG, 0.0, detail=detail, camera=CameraConfig(480, 360, 45.0))
+    with Renderer(scene.plane(257, far=False), scene.ROVER, config) as renderer:
+        frame = renderer.render(RoverPose(scene.pose(z=0.5, pitch_deg=40.0)), 0, ('radiance',))
+    return frame.radiance / np.median(frame.radiance)
+
+
+def around_shadows(picture, away=3):
+    """Return the mean radiance before and behind shadows, seen from the sun, and their share.
+
+    Before and behind are so many pixels beyond their upper and lower edges.
+    """
+    dark = picture < 0.3
+    inner = dark[away + 1:-away - 1]
+    first = inner & ~dark[away:-away - 2]
+    last = inner & ~dark[away + 2:-away]
+    before = picture[1:-2 * away - 1][first]
+    behind = picture[2 * away + 1:-1][last]
+    return before.mean(), behind.mean(), dark.mean()
+
+
+def test_level_ground_has_neither_and_rough_ground_has_shadows_too():
+    assert np.all(np.abs(ground() - 1.0) < 0.35)
+    assert np.mean(ground(relief_rms_slope=0.16) < 0.3) > 0.05
+
+
+def test_pits_are_lit_on_the_side_away_from_the_sun():
+    """The wall towards the sun is in shadow, the one that faces it is bright.
+
+    Most pits are old, too shallow for a shadow: the bright walls of the fresh are soft, too.
+    """
+    before, behind, share = around_shadows(ground(pit_cover=0.16))
+    assert 0.003 < share < 0.1
+    assert behind > 1.15 * before and behind > 1.0
+
+
+def test_pebbles_are_lit_on_the_side_towards_the_sun():
+    """They cover half their cover or more, and their shadows are some times as long."""
+    before, behind, share = around_shadows(ground(pebble_cover=0.035))
+    assert 0.02 < share < 0.2
+    assert before > 1.1 * behind and behind == pytest.approx(1.0, abs=0.15)
+
+
+def test_ground_that_turns_away_has_no_specks():
+    """Seen at 2 to 4 degrees, it is as bright as the mean of 4 x 4 times the pixels says."""
+    axis = (np.arange(513) - 256) * 0.05
+    falling = np.tile(-np.tan(np.radians(10.0)) * np.maximum(axis - 0.5, 0.0), (513, 1))
+    world = scene.plane(cell_m=0.05, heights=falling, far=False)
+
+    def layers(times):
+        config = scene.config(25.0, azimuth_deg=20.0, detail=DetailConfig(),
+                              camera=CameraConfig(width=160 * times, height=120 * times))
+        with Renderer(world, scene.ROVER, config) as renderer:
+            frame = renderer.render(RoverPose(scene.pose()), 0, ('radiance', 'depth'))
+        return frame.radiance.astype(float), frame.depth_m
+
+    (drawn, depth), (fine, _) = layers(1), layers(4)
+    mean = fine.reshape(120, 4, 160, 4).mean(axis=(1, 3))
+    seen = (depth > 2.0) & (depth < 6.0)
+    assert seen.sum() > 1000
+    error = np.sqrt(np.mean((drawn - mean)[seen]**2)) / mean[seen].mean()
+    assert error < 0.032        # 0.045 with the footprint on level ground
+
+
+@pytest.mark.parametrize('elevation_deg, detail', [
+    (2.0, DetailConfig(relief_rms_slope=0.02, pebble_cover=0.001, pit_cover=0.01)),
+    (6.0, DetailConfig())])
+def test_ground_that_the_sun_grazes_is_as_bright_as_with_finer_pixels(elevation_deg, detail):
+    """On a slope where the sun stands 0.3 times as high as over level ground, within 10 %.
+
+    With a factor that knew the sun from half its height over level ground on: 0.72 and 0.75 in
+    the nearest band.
+    """
+    axis = (np.arange(513) - 256) * 0.05
+    share = 0.3
+    slope = (1.0 - share) * np.tan(np.radians(elevation_deg))
+    world = scene.plane(cell_m=0.05, heights=np.tile(slope * axis, (513, 1)), far=False)
+
+    def layers(times):
+        config = scene.config(elevation_deg, azimuth_deg=0.0, detail=detail,
+                              camera=CameraConfig(width=320 * times, height=240 * times))
+        with Renderer(world, scene.ROVER, config) as renderer:
+            frame = renderer.render(RoverPose(scene.pose(yaw_deg=90.0)), 0, ('radiance', 'depth'))
+        return frame.radiance.astype(float), frame.depth_m
+
+    (drawn, depth), (fine, _) = layers(1), layers(4)
+    mean = fine.reshape(240, 4, 320, 4).mean(axis=(1, 3))
+    for near, far in ((0.5, 1.0), (1.0, 2.0), (2.0, 4.0)):
+        seen = (depth > near) & (depth < far)
+        assert seen.sum() > 1000
+        assert abs(drawn[seen].mean() / mean[seen].mean() - 1.0) < 0.1
+
+
+AWAY_M = [(6.4, 0.0), (0.0, 6.4), (5.1, 0.0), (0.0, 5.1), (1.6, 0.0), (0.0, -3.2), (1.0, 0.0),
+          (0.5, 0.866025), (12.8, 0.0), (-9.3, 14.1)]
+
+
+def test_distant_views_match_no_better_than_other_worlds():
+    """The same place 0.1 m further on shows that the matcher would find a repetition."""
+    config = RenderConfig(sun=scene.SunConfig(azimuth_deg=60.0, elevation_deg=6.0),
+                          sensor=SensorConfig(exposure_mode='auto'))
+    world = scene.plane(n=513, cell_m=0.1)
+
+    def pictures(seed):
+        with Renderer(world, scene.ROVER, config, seed) as renderer:
+            return [features(renderer.render(RoverPose(scene.pose(x, y, 0.09)), 0, ('left',)).left)
+                    for x, y in [(0.0, 0.0), (0.0, 0.0), (0.1, 0.0), *AWAY_M]]
+    here, there = pictures(1), pictures(2)
+    assert inliers(here[1], here[2]) > 100
+    same = [inliers(here[1], picture) for picture in here[3:]]
+    other = [inliers(here[1], picture) for picture in there[3:]]
+    assert max(same) <= max(max(other) + 4, 20), (same, other)
+    assert np.mean(same) <= np.mean(other) + 4

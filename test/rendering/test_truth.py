@@ -24,6 +24,7 @@ from lunar_rover_sim.rendering.frame import FLOWS, RIGHT_TRUTH, StereoFrame
 from lunar_rover_sim.rendering.labels import (class_names, LABEL_FIRST_LEG, LABEL_FIRST_ROCK,
                                               LABEL_GROUND, LABEL_ROVER, LABEL_SKY, LAST_LABEL,
                                               rover_links, vocabulary)
+from lunar_rover_sim.rendering.layer_pictures import flow_picture
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
 from lunar_rover_sim.rendering.world_passes import WorldPasses
@@ -359,3 +360,14 @@ def test_vocabulary_names_every_label(view):
 def test_labels_beyond_16_bits_share_the_last_one():
     names = class_names(70000, ['left', 'right'])
     assert max(names) == LAST_LABEL and names[LAST_LABEL] == 'rock 65519 or any later one'
+
+
+@pytest.mark.parametrize('flow,rgb', [
+    ((32.0, 0.0), (255, 0, 0)), ((-32.0, 0.0), (0, 255, 255)), ((0.0, 32.0), (128, 255, 0)),
+    ((0.0, -32.0), (128, 0, 255)), ((16.0, 0.0), (128, 0, 0)), ((500.0, 0.0), (255, 0, 0)),
+    ((0.0, 0.0), (0, 0, 0)), ((np.nan, 1.0), (40, 40, 40))])
+def test_flow_of_a_known_scale(flow: tuple[float, float], rgb: tuple[int, ...]) -> None:
+    """Right red, down yellow-green, left cyan, up violet; 32 px are full, whatever is around."""
+    image = np.full((4, 5, 2), 100.0, np.float32)
+    image[1, 2] = flow
+    assert np.abs(flow_picture(image, 32.0)[1, 2, ::-1].astype(int) - rgb).max() <= 3

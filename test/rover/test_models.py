@@ -169,12 +169,8 @@ def test_a_rover_survives_the_file(tmp_path):
 
 
 @pytest.mark.parametrize(('text', 'message'), [
-    ('chassis: {mass_kg: 0.0}', 'chassis.mass_kg: 0.0 is not valid; valid is > 0'),
-    ('legs: {mass_kg: -1}', 'legs.mass_kg: -1.0 is not valid'),
     ('legs: {spoke_lenght_m: 0.1}', 'legs.spoke_lenght_m: no such parameter; did you mean'),
     ('legs: {tip_radius_m: 0.2}', 'tip_radius_m: 0.2 is not valid; valid is less than'),
-    ('chassis: [1, 2]', 'is not a mapping'),
-    ('chassis: {mass_kg: heavy}', 'is not a number'),
     ('{', 'not valid YAML'),
     ('chassis: {mass_kg: 1.0e+30}', 'mass_kg: 1e[+]30 is not valid; valid is > 0 and <= 2000'),
     ('legs: {each: {a: {position_m: [40, 1, 0]}}}', r'legs.each.a.position_m: 40.0 is not valid'),

@@ -32,9 +32,10 @@ def world_with_a_rock():
 @pytest.fixture(scope='module')
 def drives():
     """Return drives of those who see and who are blind, to a goal behind a rock."""
-    scenario, world = Scenario.load('flat'), world_with_a_rock()
-    return {driver: drive_to(scenario, world, (2.6, 0.0), driver, limit_s=60.0)
-            for driver in (SEEN, BLIND)}
+    scenario, world = Scenario.load('flat', ['render_node.camera.width=320',
+                                             'render_node.camera.height=240']), world_with_a_rock()
+    return {driver: drive_to(scenario, world, (2.6, 0.0), driver, limit_s=limit_s)
+            for driver, limit_s in ((SEEN, 60.0), (BLIND, 30.0))}
 
 
 def test_who_sees_arrives_and_who_is_blind_does_not(drives):

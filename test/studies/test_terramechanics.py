@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.regolith.soil import PRESETS
 from lunar_rover_sim.studies import sandbot, terramechanics_report
 from lunar_rover_sim.studies.terramechanics import Ground, GroundWalk, measure, WalkSettings
@@ -74,8 +73,3 @@ def test_sandbot_walks_faster_and_then_swims():
 def test_a_slope_on_which_it_cannot_stand_is_a_result():
     walk = measure(settings(), Ground('rigid', slope_deg=60.0))
     assert walk.outcome != 'walked' or walk.speed_mps < 0.0
-
-
-def test_a_ground_that_does_not_exist_is_refused():
-    with pytest.raises(ConfigError, match="preset: 'swamp' is not valid"):
-        measure(settings(), Ground('swamp'))

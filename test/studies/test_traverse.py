@@ -64,10 +64,10 @@ def test_a_world_without_a_way_is_refused():
 
 def test_gentle_waves_are_driven_with_little_slip():
     world = world_of(lambda x, y: 0.03 * np.sin(2.0 * x) * np.cos(1.7 * y))
-    result = drive(world, 25.0)
-    assert result.outcome == 'driven' and result.driven_s == pytest.approx(25.0)
+    result = drive(world, 15.0)
+    assert result.outcome == 'driven' and result.driven_s == pytest.approx(15.0)
     # 0.12 m/s, less what it takes to turn to the first waypoint at 0.15 rad/s.
-    assert 0.3 < result.distance_m < 3.1
+    assert 0.3 < result.distance_m < 1.9
     assert -0.05 < result.slip < 0.3
     # The waves are up to 0.03 * 2 = 3.4 deg steep, and the walk itself pitches and rolls.
     assert 1.0 < result.tilt_mean_deg < result.tilt_p95_deg < result.tilt_max_deg < 20.0
@@ -90,7 +90,7 @@ def test_what_comes_back_goes_on():
 def test_what_is_stuck_backs_up_and_goes_another_way():
     # A slope of 35 degrees all round, 1 m away; rocks are none, so ways lead through.
     world = world_of(lambda x, y: 0.7 * np.maximum(np.hypot(x, y) - 1.0, 0.0))
-    result = drive(world, 40.0, speed_mps=0.2)
+    result = drive(world, 28.0, speed_mps=0.2)
     # It tilts too far on the slope, or gets no farther: either way it is stopped.
     assert result.outcome == 'driven' and result.stuck + result.tilted >= 1
     assert result.waypoints == 0

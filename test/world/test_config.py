@@ -1,12 +1,21 @@
 """The recipe: what is refused."""
 
-import pytest
+import math
 
-from lunar_rover_sim.errors import ConfigError
+import numpy as np
+import pytest
+import rasterio
+from rasterio.crs import CRS
+from rasterio.transform import from_origin
+
+from lunar_rover_sim.errors import ConfigError, WorldError
+from lunar_rover_sim.illumination.sky import sky
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.dem import dem_site
+from lunar_rover_sim.world.site import reported_site
 
 FLAT = Scenario.load('flat').world
 
@@ -14,15 +23,10 @@ FLAT = Scenario.load('flat').world
 @pytest.mark.parametrize('mapping, message', [
     ({'size_m': 50.1}, r'size_m: 50.1 is not a multiple of 16 cells .* nearest is 50$'),
     ({'size_m': 51.3}, r'size_m: 51.3 .* nearest is 51.2$'),
-    ({'sice_m': 51.2}, r'world.sice_m: no such parameter; did you mean size_m'),
-    ({'relief': {'hurst': 1.5}}, r'world.relief.hurst: 1.5 is not valid; valid is >= 0.05'),
-    ({'relief': {'longest_wavelength_m': 0.0}}, 'longest_wavelength_m: 0.0 is not valid'),
     ({'rocks': {'min_diameter_m': 2.0, 'max_diameter_m': 1.0}},
      r'^world\.rocks\.min_diameter_m: 2 is not valid; valid is <= max_diameter_m = 1 \[m\]$'),
     ({'source': 'dem'}, 'world.path: empty; source dem needs a file'),
     ({'source': 'dme', 'path': 'x'}, "'dme' is not valid; did you mean dem"),
-    ({'dem': {'center': [1.0]}}, r'world.dem.center: 1 elements given; valid is 2 elements'),
-    ({'rocks': 3}, 'world.rocks: 3 is not a mapping'),
 ])
 def test_mistakes_are_named(mapping, message):
     with pytest.raises(ConfigError, match=message):
@@ -58,3 +62,64 @@ def test_the_seed_of_the_recipe_wins():
     assert FLAT.with_seed(7).seed == 7
     assert FLAT.with_seed(0).seed == 0
     assert WorldConfig(seed=3).with_seed(7).seed == 3
+
+
+RADIUS_M = 1737400.0
+SOUTH, NORTH = (f'+proj=stere +lat_0={lat} +lon_0=0 +R=1737400 +units=m' for lat in (-90, 90))
+
+
+def config(folder, crs=SOUTH, center=(0.0, 0.0), mode='crs'):
+    """Return a world of an elevation model of a pole, 400 km wide."""
+    path = folder / 'pole.tif'
+    with rasterio.open(path, 'w', driver='GTiff', width=40, height=40, count=1, dtype='float32',
+                       crs=CRS.from_user_input(crs) if crs else None,
+                       transform=from_origin(-2e5, 2e5, 1e4, 1e4)) as file:
+        file.write(np.zeros((40, 40), np.float32), 1)
+    return WorldConfig.from_mapping({'source': 'dem', 'path': str(path), 'dem': {
+        'center_mode': mode, 'center': list(center)}})
+
+
+@pytest.mark.parametrize('lon_deg', [0.0, 35.0, 90.0, -135.0])
+@pytest.mark.parametrize(('crs', 'sign'), [(SOUTH, -1.0), (NORTH, 1.0)])
+def test_polar_stereographic(tmp_path, crs, sign, lon_deg):
+    """From the projection's own formulas: at the south pole y turns by minus the longitude."""
+    rho, lon = 1e5, math.radians(lon_deg)
+    site = dem_site(config(tmp_path, crs, (rho * math.sin(lon), -sign * rho * math.cos(lon))))
+    assert site.lon_deg == pytest.approx(lon_deg, abs=1e-6)
+    colatitude = math.degrees(2.0 * math.atan(rho / (2.0 * RADIUS_M)))
+    assert site.lat_deg == pytest.approx(sign * (90.0 - colatitude), abs=1e-6)
+    assert site.grid_north_deg == pytest.approx(sign * lon_deg, abs=1e-3)
+    again = dem_site(config(tmp_path, crs), (site.lon_deg, site.lat_deg))
+    assert again.grid_north_deg == pytest.approx(site.grid_north_deg, abs=1e-6)
+
+
+def test_the_sun_does_not_jump_around_the_pole(tmp_path):
+    """Places on all sides of the pole, and the pole itself, see the sun in one direction."""
+    date = np.asarray('2026-11-22T00:00', 'datetime64[us]')
+    azimuths = [float(sky(dem_site(config(tmp_path, SOUTH, xy)), date).sun.azimuth_deg)
+                for xy in ((0.0, 0.0), (30.0, 0.0), (-30.0, 0.0), (0.0, 30.0), (20.0, -30.0))]
+    assert azimuths == pytest.approx([azimuths[0]] * 5, abs=0.01)
+
+
+def test_lon_lat_of_the_window(tmp_path):
+    site = dem_site(config(tmp_path, SOUTH, (44.0, -88.5), 'lonlat'))
+    assert (site.lon_deg, site.lat_deg) == pytest.approx((44.0, -88.5), abs=1e-6)
+    assert site.grid_north_deg == pytest.approx(-44.0, abs=1e-3)
+    assert reported_site(site.to_report()) == site
+
+
+def test_a_place_beyond_the_file(tmp_path):
+    with pytest.raises(WorldError, match='latitude -80 .* is not on .* valid is x -200000 to'):
+        dem_site(config(tmp_path), (0.0, -80.0))
+
+
+@pytest.mark.parametrize('crs', [None, '+proj=stere +lat_0=-90 +R=6371000 +units=m'])
+def test_no_place_on_the_moon(tmp_path, crs):
+    """Files without a CRS, and those of another body, say nothing."""
+    assert dem_site(config(tmp_path, crs, mode='offset')) is None
+
+
+def test_a_damaged_report():
+    assert reported_site({}) is None
+    with pytest.raises(WorldError, match='report.lat_deg: 91.0 is not valid; valid is -90 to 90'):
+        reported_site({'lon_deg': 0.0, 'lat_deg': 91.0, 'grid_north_deg': 0.0})

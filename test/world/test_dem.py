@@ -1,5 +1,6 @@
 """Elevation models: windows, units, gaps, sizes, and that refinement keeps what they say."""
 
+import json
 import os
 import pathlib
 import struct
@@ -298,3 +299,83 @@ def test_only_the_window_is_read(tmp_path):
 def test_a_crs_without_lengths_on_a_plane(tmp_path):
     refused(write_tiff(tmp_path / 'x.tif', hills(60, 5.0), pixel=5.0, crs='EPSG:4978'),
             'not a raster that can be read: .*not defined for non projected CRS')
+
+
+def write_folder(folder, heights, pixel=(5.0, -5.0), **more):
+    """Write dem.npy and dem.yaml."""
+    folder.mkdir()
+    np.save(folder / 'dem.npy', heights)
+    document = {'size': list(heights.shape[::-1]), 'pixel_size': list(pixel),
+                'center_coordinates': [12.3, -89.5], **more}
+    (folder / 'dem.yaml').write_text(json.dumps(document))  # JSON is YAML
+    return folder
+
+
+def test_folder_of_an_array_equals_the_raster(tmp_path):
+    heights = hills(60, 5.0)
+    folder = write_folder(tmp_path / 'site', heights)
+    tiff = write_tiff(tmp_path / 'site.tif', heights, pixel=5.0)
+    a, b = open_dem(config(folder)), open_dem(config(tiff))
+    assert a.reference_m == pytest.approx(b.reference_m)
+    for half, cell in ((6.4, 0.025), (200.0, 1.6), (1600.0, 12.8)):
+        one, other = a.tile(half, cell), b.tile(half, cell)
+        assert np.allclose(one.heights_m, other.heights_m, atol=1e-3)
+        assert np.allclose(one.x_m, other.x_m) and np.allclose(one.y_m, other.y_m)
+    assert a.report['center_lon_lat_deg'] == [12.3, -89.5]
+    a.close(), b.close()
+
+
+def test_rows_from_the_south(tmp_path):
+    heights = hills(60, 5.0)
+    north = open_dem(config(write_folder(tmp_path / 'a', heights)))
+    south = open_dem(config(write_folder(tmp_path / 'b', heights[::-1], (5.0, 5.0))))
+    a, b = north.tile(30.0, 0.2), south.tile(30.0, 0.2)
+    assert np.allclose(a.heights_m, b.heights_m) and np.allclose(a.y_m, b.y_m)
+
+
+def test_folder_refusals(tmp_path):
+    heights = hills(60, 5.0)
+    refused(write_folder(tmp_path / 'size', heights, size=[10, 10]), r'dem.yaml: size: \[10, 10\]')
+    refused(write_folder(tmp_path / 'pixel', heights, pixel_size=[0, 'x']), 'pixel_size')
+    (tmp_path / 'pixel' / 'dem.yaml').write_text('size: [60, 60]')
+    refused(tmp_path / 'pixel', 'dem.yaml: pixel_size is missing')
+    refused(tmp_path / 'pixel' / 'dem.npy', 'array without a scale; valid is a folder')
+    refused(write_folder(tmp_path / 'number', heights, size=5), 'dem.yaml: size: 5; dem.npy is')
+    refused(write_folder(tmp_path / 'huge', heights, pixel_size=[10**400, 1]), 'pixel_size')
+    refused(write_folder(tmp_path / 'lonlat', heights), 'has no CRS: use offset or pixel',
+            dem={'center_mode': 'lonlat'})
+    refused(write_folder(tmp_path / 'cube', heights[None]), 'not a two-dimensional array')
+    (tmp_path / 'pickle').mkdir()
+    np.save(tmp_path / 'pickle' / 'dem.npy', np.array([{}], object), allow_pickle=True)
+    (tmp_path / 'pickle' / 'dem.yaml').write_text('{}')
+    refused(tmp_path / 'pickle', 'Python objects')
+
+
+def test_relief_below_a_model_reaches_down_to_the_cells_with_and_without_surroundings(tmp_path):
+    """Curvature over one cell is to that over four as it is where coarser levels exist."""
+    path = write_tiff(tmp_path / 'hills.tif', hills())
+    shares = []
+    for surroundings in ({'extent_m': 0.0}, {'samples': 129}):
+        world = build_world(config(path, size_m=6.4, craters={'density': 0.0},
+                                   rocks={'abundance': 0.0}, surroundings=surroundings), 3)
+        short, long = (np.std(np.diff(world.ground.heights_m[::k], 2, axis=0)) for k in (1, 4))
+        shares.append(short / long)
+    assert len(world.levels) > 1
+    assert shares[0] == pytest.approx(shares[1], rel=0.15)
+
+
+def test_relief_below_a_model_is_handed_on_from_level_to_level(tmp_path):
+    """Pixels of 20 m, cells of 1.6 m around ones of 0.2 m: both have relief of 8 m, as strong."""
+    path = write_tiff(tmp_path / 'flat.tif', np.full((32, 32), 5.0, np.float32), pixel=20.0)
+    rms = []
+    for seed in (1, 2):
+        world = build_world(config(path, craters={'density': 0.0}, rocks={'abundance': 0.0}), seed)
+        for inner, grid in enumerate(world.levels[1:3]):
+            lag, heights = round(8.0 / grid.cell_m), grid.heights_m.astype(float)
+            bends = heights[:, 2 * lag:] - 2.0 * heights[:, lag:-lag] + heights[:, :-2 * lag]
+            axis = (np.arange(grid.n) - 0.5 * (grid.n - 1)) * grid.cell_m
+            away = np.maximum(np.abs(axis)[:, None], np.abs(axis[lag:-lag]))
+            beyond = world.levels[1].half_extent_m + 10.0 if inner else -1.0
+            rms.append(np.sqrt(np.mean(bends[away > beyond]**2)))
+    # Finer cells have more of it: 1.4 and 1.6 times; 0.6 and 0.9 without that of the level around.
+    assert 1.1 < np.mean([rms[0] / rms[1], rms[2] / rms[3]]) < 2.0

@@ -16,6 +16,7 @@ import yaml
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.world import cache, world_folder
 from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.kept_arrays import kept
 
 TINY = {'size_m': 3.2, 'cell_m': 0.05, 'surroundings': {'samples': 65, 'extent_m': 50.0}}
 
@@ -43,10 +44,10 @@ def test_written_is_read(folder):
 def test_what_was_found_while_building_is_kept(tmp_path):
     """It may be of any kind that YAML has; a world without any has none after reading."""
     report = {'file': '/moon/site.tif', 'holes': 3, 'center_lon_lat_deg': [12.5, -89.5]}
-    for name, kept in (('with', report), ('without', {})):
-        world = dataclasses.replace(worlds.world(**TINY), report=kept)
+    for name, found in (('with', report), ('without', {})):
+        world = dataclasses.replace(worlds.world(**TINY), report=found)
         folder = world_folder.save_world(world, tmp_path / name)
-        assert world_folder.load_world(folder).report == kept
+        assert world_folder.load_world(folder).report == found
 
 
 def test_yaml_says_how_it_was_made(folder):
@@ -232,3 +233,53 @@ def test_two_processes_build_the_same_world_at_once(tmp_path):
     assert [process.returncode for process in running] == [0, 0]
     assert hashes == {worlds.world(3, **TINY).hash}
     assert len(list((tmp_path / 'worlds').iterdir())) == 1
+
+
+@pytest.fixture
+def calls(monkeypatch, tmp_path):
+    monkeypatch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path / 'cache'))
+    return []
+
+
+def computed(calls, recipe):
+    def make():
+        calls.append(recipe)
+        return np.arange(6, dtype=np.float32).reshape(2, 3) * recipe
+    return kept('test', [1, recipe], make)
+
+
+def test_an_array_is_computed_once_for_each_recipe(calls):
+    first, again, other = (computed(calls, k) for k in (2, 2, 3))
+    assert calls == [2, 3]
+    np.testing.assert_array_equal(first, again)
+    assert again.dtype == np.float32 and again.flags.writeable
+    np.testing.assert_array_equal(other, 1.5 * first)
+
+
+def test_a_damaged_file_is_written_again(calls, tmp_path, caplog):
+    computed(calls, 2)
+    file, = (tmp_path / 'cache' / 'arrays').iterdir()
+    file.write_bytes(file.read_bytes()[:-5])
+    assert computed(calls, 2)[1, 2] == 10.0
+    assert 'computing it again' in caplog.text
+    computed(calls, 2)
+    assert calls == [2, 2]
+
+
+def test_a_file_that_would_run_code_is_written_again(calls, tmp_path):
+    """Unpickling it would make a folder."""
+    class Trap:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / 'trapped'),)
+
+    computed(calls, 2)
+    file, = (tmp_path / 'cache' / 'arrays').iterdir()
+    np.save(file, np.array([Trap()], dtype=object), allow_pickle=True)
+    assert computed(calls, 2)[1, 2] == 10.0
+    assert calls == [2, 2] and not (tmp_path / 'trapped').exists()
+
+
+def test_without_a_place_for_it_the_array_is_still_there(calls, tmp_path, caplog):
+    (tmp_path / 'cache').write_text('a file, not a folder')
+    assert computed(calls, 2)[1, 2] == 10.0
+    assert 'is not kept' in caplog.text
