@@ -16,12 +16,10 @@ from rosbags.typesys.store import Typestore  # noqa: E402
 from sensor_msgs.msg import Imu, JointState  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 
-from lunar_rover_sim import frames  # noqa: E402
-from lunar_rover_sim import topics  # noqa: E402
+from lunar_rover_sim import frames, topics  # noqa: E402
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
-from lunar_rover_sim.nodes import conversions, image_conversions  # noqa: E402
-from lunar_rover_sim.nodes import vision_conversions  # noqa: E402
+from lunar_rover_sim.nodes import conversions, image_conversions, vision_conversions  # noqa: E402
 from lunar_rover_sim.nodes.message_types import definition_of  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.rendering.instances import instances  # noqa: E402

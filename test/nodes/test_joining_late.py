@@ -19,13 +19,11 @@ from geometry_msgs.msg import TwistStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from peer import Peer, running, SMALL_CAMERA  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
-from sensor_msgs.msg import CameraInfo, JointState  # noqa: E402
-from sensor_msgs.msg import Image  # noqa: E402
+from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
-from lunar_rover_sim.bag.messages import header_ns  # noqa: E402
-from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
+from lunar_rover_sim.bag.messages import header_ns, time_ns  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.nodes.ground_listener import GroundListener  # noqa: E402
 from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402

@@ -28,8 +28,7 @@ from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.evaluation.trajectory_files import read_tum  # noqa: E402
 from lunar_rover_sim.files.paths import find_file  # noqa: E402
 from lunar_rover_sim.inspection.check import check  # noqa: E402
-from lunar_rover_sim.run.plan import prepare, resolve, SCENARIO_FILE  # noqa: E402
-from lunar_rover_sim.run.plan import rover_overrides  # noqa: E402
+from lunar_rover_sim.run.plan import prepare, resolve, rover_overrides, SCENARIO_FILE  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
 

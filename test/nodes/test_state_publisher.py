@@ -10,8 +10,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from geometry_msgs.msg import AccelStamped  # noqa: E402
-from geometry_msgs.msg import WrenchStamped  # noqa: E402
+from geometry_msgs.msg import AccelStamped, WrenchStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.serialization import deserialize_message  # noqa: E402
 from rosbags.typesys import get_typestore, Stores  # noqa: E402
@@ -30,8 +29,7 @@ from lunar_rover_sim.run.node_config import MappingNodeConfig  # noqa: E402
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig  # noqa: E402
 from lunar_rover_sim.run.recorded_run import RecordedNodes  # noqa: E402
 from lunar_rover_sim.run.transforms import RunTransforms  # noqa: E402
-from lunar_rover_sim.sensors.imu import ImuConfig  # noqa: E402
-from lunar_rover_sim.sensors.imu import ImuNoise  # noqa: E402
+from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise  # noqa: E402
 from lunar_rover_sim.sensors.registry import OdometryConfig  # noqa: E402
 
 
