@@ -19,6 +19,7 @@ from lunar_rover_sim.files.paths import lock
 # Is killed in the middle of a write.
 KILLED = """
 import os, pathlib, signal, sys
+from lunar_rover_sim.files.atomic import atomic_write
 def content(file):
     file.write(b'new, in part')
     file.flush()

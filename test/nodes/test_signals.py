@@ -125,7 +125,7 @@ def test_a_second_signal_does_no_harm(domain: int) -> None:
     """
     script = """
 import signal
-from lunar_rover_sim.nodes import gait_controller_node, node_main
+from lunar_rover_sim.nodes import gait_controller_node
 assert gait_controller_node.main(['gait_controller_node', '--ros-args', '-p', 'no:=1']) == 1
 assert {signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)} == {signal.SIG_IGN}
 """
@@ -138,6 +138,7 @@ def test_a_node_that_cannot_leave_the_graph_is_ended(domain: int) -> None:
     """After it has closed what is its own; SIGALRM before that does nothing."""
     script = """
 import os, signal
+from lunar_rover_sim.nodes import node_main
 node_main._LIMIT_S = 1
 
 class Node(node_main.GraphNode):
@@ -166,6 +167,7 @@ def test_a_probe_that_cannot_leave_the_graph_is_ended(
     """What it found counts."""
     (tmp_path / 'sitecustomize.py').write_text("""
 import rclpy.node
+from lunar_rover_sim.nodes import node_main
 node_main._LIMIT_S = 1
 
 def destroy_node(self):

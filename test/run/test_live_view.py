@@ -19,7 +19,7 @@ from view_client import client, free_port  # noqa: E402  (needs the extra)
 
 from lunar_rover_sim.cli.main import main  # noqa: E402
 from lunar_rover_sim.errors import ConfigError, GraphError  # noqa: E402
-from lunar_rover_sim.run.live_view import check_view, LiveView, TWIST, ViewProcess  # noqa: E402
+from lunar_rover_sim.run.live_view import check_view, LiveView, ViewProcess  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
 IMAGE, ODOM = 'sensor_msgs/msg/Image', 'nav_msgs/msg/Odometry'
@@ -146,6 +146,8 @@ def test_run_names_the_layout_where_it_is(monkeypatch: pytest.MonkeyPatch, tmp_p
 pytest.importorskip('foxglove')
 import browser  # noqa: E402  (needs the extra)
 from rosbags.typesys import get_typestore, Stores  # noqa: E402
+
+from lunar_rover_sim.run.live_view import TWIST  # noqa: E402
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 FACTS = {'drivers': [], 'half_extent_m': 25.6, 'rocks': [[1.0, 0.5, 0.2]]}

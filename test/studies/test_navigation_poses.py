@@ -15,7 +15,7 @@ from lunar_rover_sim.studies.navigation_poses import poses_of
 
 PROGRAM = """
 import numpy as np
-from lunar_rover_sim.slam.client import reference, serve
+from lunar_rover_sim.slam.client import serve
 
 def begin(settings):
     assert settings['sensor'] == 'stereo' and settings['frame_rate_hz'] == 20
@@ -33,6 +33,7 @@ serve(begin)
 """
 DIES = """
 import sys
+from lunar_rover_sim.slam.client import reference, serve
 
 def begin(settings):
     follow = reference(settings)
