@@ -157,8 +157,8 @@ def test_a_picture_that_cannot_be_written_is_an_error(folder, tmp_path, monkeypa
     monkeypatch.setattr(os, 'fsync', full)
     assert main(['render', 'flat', '--world', str(folder), *TINY, *BARE, '-o',
                  str(tmp_path / 'frames')]) == 1
-    said = capsys.readouterr().err.strip()
-    assert '000_left.png: cannot be written: No space left' in said and '\n' not in said
+    said = capsys.readouterr().err.splitlines()[-1]     # after progress on a busy machine
+    assert '000_left.png: cannot be written: No space left' in said
     assert not list((tmp_path / 'frames').iterdir())
 
 
