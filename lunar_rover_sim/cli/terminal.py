@@ -79,6 +79,46 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+class Pace:
+    """How long work will go on, by its steps so far; no answer rather than a wrong one.
+
+    A pause longer than `LONG` times all other steps together is something else than the work, such
+    as the first light or a compilation: the pace is taken anew from there on.
+    """
+
+    LONG = 2.0
+    SHORTEST_S = 2.0    # that a pace is taken from
+
+    def __init__(self) -> None:
+        self._begin: tuple[float, float] | None = None      # time [s], work done
+        self._last = 0.0, 0.0
+        self._longest_s, self._steps = 0.0, 0
+
+    def step(self, now_s: float, done: float) -> None:
+        """Note how much is done at a time [s]; what is no more than before is no step."""
+        if done <= self._last[1]:
+            return
+        if self._begin is None:
+            self._begin = now_s, done
+        else:
+            self._steps += 1
+            self._longest_s = max(self._longest_s, now_s - self._last[0])
+            others_s = now_s - self._begin[0] - self._longest_s
+            if self._steps > 1 and self._longest_s > self.LONG * others_s:
+                self._begin, self._longest_s, self._steps = (now_s, done), 0.0, 0
+        self._last = now_s, done
+
+    def left_s(self, now_s: float, total: float) -> float | None:
+        """Return the time [s] that is left at a time [s]; None where the steps do not tell."""
+        if self._begin is None or self._steps < 2:
+            return None
+        taken_s = self._last[0] - self._begin[0]
+        if taken_s < self.SHORTEST_S or now_s - self._last[0] > taken_s:
+            return None
+        pace = (now_s - self._begin[0]) / (self._last[1] - self._begin[1])
+        return pace * max(0.0, total - self._last[1])
+
+
 class Progress:
     """The progress of long work, on stderr: a bar on a terminal, else a line every 10 s.
 
@@ -107,7 +147,7 @@ class Progress:
         """Begin another part of the work; arguments as for the whole."""
         self._text, self._total, self._unit, self._note = text, total, unit, ''
         self._done, self._begun_s = 0.0, time.monotonic()
-        self._first: tuple[float, float] | None = None      # time [s] and work at the first step
+        self._pace = Pace()
         if self._bar is not None:
             if self._task is None:
                 self._task = self._bar.add_task(text, total=total)
@@ -119,8 +159,7 @@ class Progress:
         self._done = done
         self._total = self._total if total is None else total
         self._note = self._note if note is None else note
-        if done > 0 and self._first is None:
-            self._first = time.monotonic(), done
+        self._pace.step(time.monotonic(), done)
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=done, total=self._total)
 
@@ -142,9 +181,9 @@ class Progress:
             parts.append(f'{shown}/{self._total:g} {self._unit}'.rstrip())
         parts += [self._note] if self._note else []
         parts.append(_clock(now_s - self._begun_s))
-        if self._total is not None and self._first is not None and self._done > self._first[1]:
-            pace = (now_s - self._first[0]) / (self._done - self._first[1])
-            parts.append(f'{_clock(pace * max(0.0, self._total - self._done))} left')
+        left_s = None if self._total is None else self._pace.left_s(now_s, self._total)
+        if left_s is not None:
+            parts.append(f'{_clock(left_s)} left')
         return ', '.join(parts)
 
     def _tell(self) -> None:

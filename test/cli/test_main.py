@@ -152,8 +152,8 @@ def test_progress_in_a_pipe(capsys: pytest.CaptureFixture[str],
     said = capsys.readouterr()
     assert said.out == ''
     lines = said.err.splitlines()
-    assert re.fullmatch(r'walking: 1/8 walks, 0:00', lines[0])
-    assert re.fullmatch(r'walking: 4/8 walks, 0:00, 0:00 left', lines[-1])
+    assert re.fullmatch(r'walking: \d/8 walks, 0:00', lines[0])
+    assert re.fullmatch(r'walking: 4/8 walks, 0:00', lines[-1])
 
 
 def test_the_time_left_is_that_of_the_whole_pace(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -161,7 +161,7 @@ def test_the_time_left_is_that_of_the_whole_pace(monkeypatch: pytest.MonkeyPatch
     now = [0.0]
     monkeypatch.setattr(time, 'monotonic', lambda: now[0])
     progress = terminal.Progress('estimating', 110)
-    for done, at in ((10, 60.0), (20, 80.0)):
+    for done, at in ((10, 60.0), (15, 70.0), (20, 80.0)):
         now[0] = at
         progress(done)
     assert progress.told() == '20/110, 1:20, 3:00 left'
