@@ -55,7 +55,13 @@ _OF_WORKSPACE = ('bag', 'cli', 'files', 'gait', 'nodes', 'rover', 'run', 'test')
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave to `colcon test`, which runs one test at a time, what depends on the workspace."""
+    """Leave to `colcon test`, which runs one test at a time, what depends on the workspace.
+
+    `./bootstrap test` looks for tests that run alone in test/nodes only.
+    """
+    for item in items:
+        if item.get_closest_marker('alone') and item.path.parent.name != 'nodes':
+            raise pytest.UsageError(f'{item.nodeid}: is marked alone; valid is so in test/nodes')
     if config.getoption('junitprefix') != 'lunar_rover_sim' or config.getoption('markexpr'):
         return
     kept = [item for item in items if item.path.parent.name in _OF_WORKSPACE]
