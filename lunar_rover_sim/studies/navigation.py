@@ -260,7 +260,7 @@ def plot_estimates(drives: dict[Case, GoalDrive], path: Path) -> None:
                      [d.goal_error_m for d in each], s=22, alpha=0.7, label=label)
     limit = GOAL_SLACK_M + NavigatorConfig().goal_tolerance_m
     axes.axhspan(_LEAST_ERROR_M, limit, color='tab:green', alpha=0.12, lw=0)
-    axes.set(xscale='log', yscale='log', ylim=(0.1, None), title='green: arrived',
+    axes.set(xscale='log', yscale='log', ylim=(0.05, None), title='green: arrived',
              xlabel='error of the estimated position at the end [m] (left edge: '
              f'{_LEAST_ERROR_M:g} m or less)', ylabel='true distance from the goal at the end [m]')
     axes.grid(alpha=0.3)
