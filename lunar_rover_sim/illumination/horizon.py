@@ -22,9 +22,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lunar_rover_sim.compiled import compiled, read_only
 from lunar_rover_sim.world.grid import HeightGrid
 
 F32 = NDArray[np.float32]
@@ -34,7 +36,7 @@ F32 = NDArray[np.float32]
 _ELEVATION_OFFSETS_DEG = (-0.6, -0.3, 0.0)
 _NOTHING = np.float32(-1e6)
 _MAX_SWEEP_DEG = 80.0
-_ROWS = 16
+_ROWS = 64
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,23 +121,34 @@ def split(above_m: F32, sun: SunGeometry) -> tuple[F32, F32]:
     zero is extrapolated from the highest sweeps that are in shadow, since above it the nearest
     ground, not the horizon, limits the height.
     """
-    tangent = np.tan(sun.sweep_rad).astype(np.float32)
-    dark = above_m[2] < 0.0
-    occluder = np.where(dark, (above_m[2] - above_m[1]) / (tangent[2] - tangent[1]),
-                        (above_m[1] - above_m[0]) / (tangent[1] - tangent[0]))
-    np.clip(occluder, np.float32(1e-3), np.float32(5e4), out=occluder)
-    clearance = np.where(dark, above_m[2], above_m[1] + (tangent[2] - tangent[1]) * occluder)
-    cosine = np.float32(np.cos(sun.sweep_rad[2]))
-    clearance *= cosine
-    occluder /= cosine
-    # A very high sun was swept lower than it stands: add the difference.
-    lift = np.float32(sun.elevation_rad - sun.sweep_rad[2])
-    if lift > 0.0:
-        clearance += lift * occluder
-    # Where both are huge only the quotient matters: scale them to the range of half floats.
-    scale = np.float32(100.0) / np.maximum(np.maximum(np.abs(clearance), occluder * 0.02),
-                                           np.float32(100.0))
-    return clearance * scale, occluder * scale
+    above = np.ascontiguousarray(above_m.reshape(3, -1))
+    clearance, occluder = _split(above, np.tan(sun.sweep_rad).astype(np.float32),
+                                 np.float32(np.cos(sun.sweep_rad[2])),
+                                 np.float32(sun.elevation_rad - sun.sweep_rad[2]))
+    return clearance.reshape(above_m.shape[1:]), occluder.reshape(above_m.shape[1:])
+
+
+@compiled
+def _split(above_m: F32, tangent: F32, cosine: np.float32,
+           lift: np.float32) -> tuple[F32, F32]:
+    """Do the work of `split` for (3, m) heights; lift: as far as the sun stands above the sweep.
+    """
+    clearance, occluder = np.empty_like(above_m[0]), np.empty_like(above_m[0])
+    fall, rise = tangent[1] - tangent[0], tangent[2] - tangent[1]
+    for k in range(len(clearance)):
+        low, middle, high = above_m[0, k], above_m[1, k], above_m[2, k]
+        dark = high < 0.0
+        away = (high - middle) / rise if dark else (middle - low) / fall
+        away = min(max(away, np.float32(1e-3)), np.float32(5e4))
+        clear = (high if dark else middle + rise * away) * cosine
+        away /= cosine
+        if lift > 0.0:      # a very high sun was swept lower than it stands: add the difference
+            clear += lift * away
+        # Where both are huge only the quotient matters: scale them to the range of half floats.
+        scale = np.float32(100.0) / max(max(abs(clear), away * np.float32(0.02)),
+                                        np.float32(100.0))
+        clearance[k], occluder[k] = clear * scale, away * scale
+    return clearance, occluder
 
 
 def disc_fraction(angle_rad: ArrayLike, radius_rad: float) -> NDArray[np.float64]:
@@ -164,10 +177,10 @@ def _sweep(heights_m: F32, cell_m: float, sun: SunGeometry, outer: ShadowLevel |
     sx, sy = sun.direction_xy
     swap = abs(sx) > abs(sy)
     along, across = (sx, sy) if swap else (sy, sx)
-    z = heights_m.T if swap else heights_m
+    z = np.asarray(cv2.transpose(heights_m) if swap else heights_m)
     flip_rows, flip_columns = along < 0.0, across < 0.0
     z = z[::-1] if flip_rows else z
-    z = np.ascontiguousarray(z[:, ::-1] if flip_columns else z)
+    z = read_only(z[:, ::-1] if flip_columns else z, np.float32)
     shear = abs(across) / abs(along)
     # Straight or diagonal but for rounding: else a ray would miss the column that it lies on.
     if min(shear, 1.0 - shear) < 1e-9:
@@ -188,28 +201,45 @@ def _sweep(heights_m: F32, cell_m: float, sun: SunGeometry, outer: ShadowLevel |
         entry[:, 1] *= -1.0 if flip_columns else 1.0
         xy = (entry if swap else entry[:, ::-1]) * cell_m
         current[:] = outer.shadow_at(xy, with_ground=True)
+    rows = np.arange(n)
+    whole = np.floor(shear * rows).astype(np.int64)
+    result = _swept(z, current, drop[:, 0], offset - whole,
+                    (shear * rows - whole).astype(np.float32))
+    for k in range(3):
+        shadow = result[k, ::-1] if flip_rows else result[k]
+        shadow = shadow[:, ::-1] if flip_columns else shadow
+        result[k] = cv2.transpose(np.ascontiguousarray(shadow)) if swap else shadow
+    return result
+
+
+@compiled
+def _swept(z: F32, current: F32, drop: F32, first: NDArray[np.int64], fraction: F32) -> F32:
+    """Return (3, n, n) shadow heights of (n, n) heights that are turned towards the sun [m].
+
+    Args:
+        current: (3, lines) shadow heights at the row beyond the last one; changed.
+        drop: (3,) fall of the shadows from row to row.
+        first, fraction: (n,) for each row, the line whose sample lies in the first column, and how
+            far beyond its middle.
+    """
+    n = len(z)
     result = np.empty((3, n, n), np.float32)
     for row in range(n - 1, -1, -1):
-        whole = int(np.floor(shear * row))
-        fraction = np.float32(shear * row - whole)
-        first = offset - whole  # line whose sample lies at column `fraction`
-        ground = z[row]
-        if fraction > 1e-6:
-            last = first + n - 1
-            ground_line = ground[:-1] + fraction * (ground[1:] - ground[:-1])
-        else:
-            last = first + n
-            ground_line = ground
-        active = current[:, first:last]
-        active -= drop
-        out = result[:, row]
-        if fraction > 1e-6:
-            out[:, 1:-1] = active[:, 1:] + fraction * (active[:, :-1] - active[:, 1:])
-            out[:, 0] = active[:, 0]
-            out[:, -1] = active[:, -1]
-        else:
-            out[:] = active
-        np.maximum(active, ground_line, out=active)
-    result = result[:, ::-1] if flip_rows else result
-    result = result[:, :, ::-1] if flip_columns else result
-    return np.ascontiguousarray(result.transpose(0, 2, 1) if swap else result)
+        part, ground = fraction[row], z[row]
+        between = part > np.float32(1e-6)
+        for k in range(3):
+            out, fall = result[k, row], drop[k]
+            line = current[k, first[row]:first[row] + n - int(between)]
+            for j in range(len(line)):
+                line[j] -= fall
+            if between:
+                out[0], out[n - 1] = line[0], line[n - 2]
+                for j in range(1, n - 1):
+                    out[j] = line[j] + part * (line[j - 1] - line[j])
+                for j in range(n - 1):
+                    line[j] = max(line[j], ground[j] + part * (ground[j + 1] - ground[j]))
+            else:
+                for j in range(n):
+                    out[j] = line[j]
+                    line[j] = max(line[j], ground[j])
+    return result

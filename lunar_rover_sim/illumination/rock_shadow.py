@@ -14,6 +14,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.compiled import compiled, read_only
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.illumination.horizon import SunGeometry
 from lunar_rover_sim.world.grid import HeightGrid
@@ -146,22 +147,31 @@ def stamp(clearance_m: F32, occluder_m: F32, grid: HeightGrid, rocks: Silhouette
         return
     angle = (clearance_m / occluder_m).ravel()
     best = np.where(angle > _LIT_RAD, np.float32(np.inf), angle)
-    flat_c, flat_t = clearance_m.reshape(-1), occluder_m.reshape(-1)
-    pieces = []
-    for cells, owner, along, a, b in _pairs(grid, rocks, sun, _near(grid, rocks, 0.0),
-                                            _MARGIN_CELLS):
-        light = angle[cells] > -_LIT_RAD
-        distance = rocks.distance(owner[light], a[light], b[light])
-        close = distance < 2.5 * grid.cell_m
-        cells, distance = cells[light][close], distance[close]
-        along = np.maximum(along[light][close], np.float32(0.01))
-        value = distance / along
-        np.minimum.at(best, cells, value)
-        pieces.append((cells, distance, along, value))
-    for cells, distance, along, value in pieces:
-        wins = value == best[cells]
-        flat_c[cells[wins]] = distance[wins]
-        flat_t[cells[wins]] = along[wins]
+    light = angle > -_LIT_RAD
+    for near in _pairs(grid, rocks, sun, _near(grid, rocks, 0.0), _MARGIN_CELLS):
+        _stamp(clearance_m.reshape(-1), occluder_m.reshape(-1), best, light, rocks.edges,
+               np.float32(2.5 * grid.cell_m), *near)
+
+
+@compiled
+def _stamp(clearance_m: F32, occluder_m: F32, best: F32, light: NDArray[np.bool_], edges: F32,
+           close_m: np.float32, cells: NDArray[np.int64], owner: NDArray[np.int64], along: F32,
+           a: F32, b: F32) -> None:
+    """Do the work of `stamp` for cells near shadows; best: least angle of each cell; changed."""
+    for p in range(len(cells)):
+        cell, rock = cells[p], owner[p]
+        if not light[cell]:
+            continue
+        distance = np.float32(-np.inf)      # as `Silhouettes.distance`
+        for e in range(edges.shape[1]):
+            distance = max(distance, edges[rock, e, 0] * a[p] + edges[rock, e, 1] * b[p]
+                           - edges[rock, e, 2])
+            if distance >= close_m:
+                break
+        away = max(along[p], np.float32(0.01))
+        if distance < close_m and distance / away <= best[cell]:
+            best[cell] = distance / away
+            clearance_m[cell], occluder_m[cell] = distance, away
 
 
 def share(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry,
@@ -236,7 +246,7 @@ def _pairs(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry, chosen: NDArr
         chosen: The rocks that count.
         margin_cells: Beside a shadow, how many cells count as near.
     """
-    n, cell, heights = grid.n, grid.cell_m, np.asarray(grid.heights_m)
+    cell, heights = grid.cell_m, read_only(grid.heights_m, np.float32)
     heading = sun.direction_xy
     swap = abs(heading[0]) > abs(heading[1])
     major, minor = (0, 1) if swap else (1, 0)
@@ -256,34 +266,53 @@ def _pairs(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry, chosen: NDArr
     step_class = np.ceil(np.log2(steps) * 2).astype(int)
     column_class = np.ceil(np.log2(columns) * 2).astype(int)
     key = np.where(inside, step_class * 64 + column_class, -1)
-    middle = 0.5 * (n - 1)
-    origin = position[:, :2] / cell + middle
+    origin = position[:, :2] / cell + 0.5 * (grid.n - 1)
+    sign = -1 if heading[major] > 0 else 1
+    first = np.round(origin[:, major]).astype(int) - sign \
+        * (np.ceil(rocks.half_width / cell).astype(int) + 1)
     for k in np.unique(key[inside]):
         group = np.flatnonzero(key == k)
-        rows_n, columns_n = int(steps[group].max()), int(columns[group].max())
-        batch = max(_BATCH // (rows_n * columns_n), 1)
+        window = int(steps[group].max()), int(columns[group].max())
+        batch = max(_BATCH // (window[0] * window[1]), 1)
         for start in range(0, len(group), batch):
             member = group[start:start + batch]
-            sign = -1 if heading[major] > 0 else 1
-            first = np.round(origin[member, major]).astype(int) - sign \
-                * (np.ceil(rocks.half_width[member] / cell).astype(int) + 1)
-            major_index = first[:, None] + sign * np.arange(rows_n)
-            centre = origin[member, minor][:, None] \
-                + lean * (major_index - origin[member, major][:, None])
-            minor_index = np.round(centre).astype(int)[..., None] \
-                + np.arange(columns_n) - columns_n // 2
-            major_index = np.broadcast_to(major_index[..., None], minor_index.shape)
-            ok = (major_index >= 0) & (major_index < n) & (minor_index >= 0) & (minor_index < n)
-            owner = np.broadcast_to(member[:, None, None], ok.shape)[ok]
-            mi, ni = major_index[ok], minor_index[ok]
-            ix, iy = (mi, ni) if swap else (ni, mi)
-            x = ((ix - middle) * cell).astype(np.float32)
-            y = ((iy - middle) * cell).astype(np.float32)
-            z = heights[iy, ix]
-            axes = rocks.axes.astype(np.float32)
-            along = rocks.centre[owner, 2].astype(np.float32) \
-                - (axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z)
-            a = axes[0, 0] * x + axes[0, 1] * y
-            b = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
-            near = (along > 0.0) & (b < rocks.top[owner] + 2 * cell)
-            yield iy[near] * n + ix[near], owner[near], along[near], a[near], b[near]
+            yield _near_cells(
+                heights, cell, member, first[member], sign, window, swap,
+                origin[member, major], origin[member, minor], lean,
+                rocks.centre[member, 2].astype(np.float32), rocks.top[member],
+                rocks.axes.astype(np.float32))
+
+
+@compiled
+def _near_cells(heights: F32, cell_m: float, rocks: NDArray[np.int64],
+                first: NDArray[np.int64], sign: int, window: tuple[int, int], swap: bool,
+                major: Array, minor: Array, lean: float, depth_m: F32, top_m: Array,
+                axes: F32) -> Near:
+    """Return what `_pairs` yields for rocks with windows of one size.
+
+    Args:
+        rocks: (m,) their indices; first: of their windows, along the major axis.
+        window: Steps away from the sun along that axis, and cells across.
+        major, minor: (m,) where they stand, in cells; lean: of the shadows from the major axis.
+        depth_m, top_m: (m,) distance towards the sun, and upper end of the outline.
+    """
+    n, middle, (steps, width) = len(heights), 0.5 * (len(heights) - 1), window
+    room, count = len(rocks) * steps * width, 0
+    cells, owner = np.empty(room, np.int64), np.empty(room, np.int64)
+    found = np.empty((3, room), np.float32)
+    for m in range(len(rocks)):
+        for step in range(steps):
+            i = first[m] + sign * step
+            left = int(np.rint(minor[m] + lean * (i - major[m]))) - width // 2
+            for j in range(max(left, 0), min(left + width, n) if 0 <= i < n else 0):
+                ix, iy = (i, j) if swap else (j, i)
+                x, y = np.float32((ix - middle) * cell_m), np.float32((iy - middle) * cell_m)
+                z = heights[iy, ix]
+                along = depth_m[m] - (axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z)
+                b = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
+                if along > 0.0 and b < top_m[m] + 2 * cell_m:
+                    cells[count], owner[count] = iy * n + ix, rocks[m]
+                    found[0, count], found[2, count] = along, b
+                    found[1, count] = axes[0, 0] * x + axes[0, 1] * y
+                    count += 1
+    return cells[:count], owner[:count], found[0, :count], found[1, :count], found[2, :count]
