@@ -26,7 +26,10 @@ from lunar_rover_sim.illumination import hapke
 from lunar_rover_sim.illumination.config import ReflectanceConfig
 from lunar_rover_sim.rendering.relief_tiles import FINER, ReliefTile, ReliefTiles, SLOPE_SCALE
 from lunar_rover_sim.world.fine_relief import disc_share
+from lunar_rover_sim.world.kept_arrays import kept
 
+# Rises with every change of what `relief_brightness` returns, of tiles or of the law.
+_RECIPE = 1
 LEVELS = 9              # mip levels of the fine tile; coarser ones are not used
 AZIMUTHS, COSINES = 8, 16       # nodes of the factor
 # Nodes: tangent of the sun's elevation over the local plane, over that over level ground. Below 1
@@ -96,6 +99,17 @@ def _wanted_scales(tiles: ReliefTiles, ground: hapke.HapkeParameters) -> Array:
 @functools.lru_cache(maxsize=2)     # for the next renderer of the same scene
 def _of_relief(tiles: ReliefTiles, reflectance: ReflectanceConfig, tangent: float,
                sun_radius_rad: float) -> ReliefBrightness:
+    def rows() -> NDArray[np.float32]:
+        made = _made(tiles, reflectance, tangent, sun_radius_rad)
+        return np.concatenate([made.scales.ravel(), made.factor.ravel()])
+    ground = dataclasses.asdict(hapke.parameter_set(reflectance.ground))
+    values = kept('relief_brightness', [_RECIPE, tiles.recipe, ground, reflectance.albedo_scale,
+                                        tangent, sun_radius_rad], rows)
+    return ReliefBrightness(values[:16].reshape(4, 4), values[16:].reshape(_NODES), tangent)
+
+
+def _made(tiles: ReliefTiles, reflectance: ReflectanceConfig, tangent: float,
+          sun_radius_rad: float) -> ReliefBrightness:
     ground = hapke.parameter_set(reflectance.ground)
     rng = np.random.default_rng(0)
     levels = list(range(LEVELS))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import Future, ThreadPoolExecutor
 import dataclasses
 import functools
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,7 @@ class ReliefTiles:
     Attributes:
         heading: (2,) horizontal unit vector towards the sun.
         centre, half_range: Of the tangents of the horizon.
+        recipe: All that they follow from, as JSON can write it.
     """
 
     coarse: ReliefTile
@@ -65,6 +67,7 @@ class ReliefTiles:
     heading: Array
     centre: float
     half_range: float
+    recipe: list[Any]
 
     @property
     def flat(self) -> bool:
@@ -93,7 +96,9 @@ def _new_tiles(recipes: tuple[fine_relief.TileRecipe, ...], seed: int,
     centre, half_range = _horizon_range(sun)
     coarse, fine = (_tile(recipe.period_m, *_shape(recipe, seed, k), sun, centre, half_range)
                     for k, recipe in enumerate(recipes))
-    return ReliefTiles(coarse, fine, np.asarray(sun.direction_xy), centre, half_range)
+    recipe = [*(_identity(recipe, seed, k) for k, recipe in enumerate(recipes)), RISE_OVER,
+              SLOPE_SCALE, sun.azimuth_rad, sun.elevation_rad]
+    return ReliefTiles(coarse, fine, np.asarray(sun.direction_xy), centre, half_range, recipe)
 
 
 # For the next renderer of the same scene. Flat ones, made at once, would only displace others.
@@ -103,7 +108,7 @@ _tiles = functools.lru_cache(maxsize=2)(_new_tiles)
 @functools.lru_cache(maxsize=2)     # both tiles, for the next sun
 def _relief(recipe: fine_relief.TileRecipe, seed: int, k: int) -> F32:
     """Return the heights of tile k, which take most of the time to make it."""
-    return kept('relief', [fine_relief.RECIPE, dataclasses.asdict(recipe), seed, k],
+    return kept('relief', _identity(recipe, seed, k),
                 lambda: fine_relief.relief(recipe, np.random.default_rng([seed, 77, k])))
 
 
@@ -112,7 +117,13 @@ def _shape(recipe: fine_relief.TileRecipe, seed: int, k: int) -> tuple[F32, F32]
     """Return heights and rises of tile k."""
     heights = _relief(recipe, seed, k)
     texel = recipe.period_m / len(heights)
-    return heights, fine_relief.rises(heights, texel, RISE_OVER * texel)
+    return heights, kept('rises', [*_identity(recipe, seed, k), RISE_OVER],
+                         lambda: fine_relief.rises(heights, texel, RISE_OVER * texel))
+
+
+def _identity(recipe: fine_relief.TileRecipe, seed: int, k: int) -> list[Any]:
+    """Return what the heights of tile k follow from."""
+    return [fine_relief.RECIPE, dataclasses.asdict(recipe), seed, k]
 
 
 def _recipes(config: DetailConfig) -> tuple[fine_relief.TileRecipe, ...]:

@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.world.kept_arrays import kept
 from lunar_rover_sim.world.rocks import RockShape
 from lunar_rover_sim.world.shapes import hull_faces
 
 F32 = NDArray[np.float32]
+
+_RECIPE = 1             # rises with every change of what `library_facets` returns
 
 
 def coarse(shape: RockShape, vertices: int) -> RockShape:
@@ -166,6 +169,23 @@ def _noise(points: Array, seed: int) -> Array:
         x, y, z = ((cell + corner) % 16).T
         total += weight * lattice[x, y, z]
     return total
+
+
+def library_facets(shapes: tuple[RockShape, ...], levels: tuple[int, ...],
+                   vertices: int) -> list[F32]:
+    """Return facets of shapes, one after the other: worn at each level, then coarse.
+
+    Args:
+        vertices: Of a coarse one.
+    """
+    def rows() -> F32:
+        meshes = [facets(mesh) for shape in shapes
+                  for mesh in (*(worn(shape, level) for level in levels), coarse(shape, vertices))]
+        number = np.repeat(np.arange(len(meshes)), [len(mesh) for mesh in meshes])
+        return np.column_stack([number, np.concatenate(meshes)]).astype(np.float32)
+    recipe = [[shape.name, shape.vertices.tolist(), shape.faces.tolist()] for shape in shapes]
+    made = kept('rock_meshes', [_RECIPE, recipe, levels, vertices], rows)
+    return np.split(made[:, 1:], np.flatnonzero(np.diff(made[:, 0])) + 1)
 
 
 def facets(shape: RockShape) -> F32:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.rendering.context import enable, load_program, release_all
 from lunar_rover_sim.rendering.projection import ViewVolume
-from lunar_rover_sim.rendering.rock_meshes import coarse, facets, OCTAHEDRON, octahedron_axes, worn
+from lunar_rover_sim.rendering.rock_meshes import (facets, library_facets, OCTAHEDRON,
+                                                   octahedron_axes)
 from lunar_rover_sim.rendering.surface import Surface
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
@@ -64,12 +65,8 @@ class RockPass:
         self._instances: dict[int, moderngl.Buffer] = {}
         self._counts: dict[int, int] = {}
         self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
-        self._vertices: list[moderngl.Buffer] = []
-        for shape in shapes:
-            for mesh in (*(worn(shape, level) for level in _LEVELS),
-                         coarse(shape, _COARSE_VERTICES)):
-                self._vertices.append(context.buffer(facets(mesh).tobytes()))
-        self._vertices.append(context.buffer(facets(OCTAHEDRON).tobytes()))
+        self._vertices = [context.buffer(mesh.tobytes()) for mesh in (
+            *library_facets(shapes, _LEVELS, _COARSE_VERTICES), facets(OCTAHEDRON))]
 
     def prepare_truth(self) -> None:
         """Be able to draw truth from now on; adds to `programs`."""

@@ -10,9 +10,11 @@ import numpy as np
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.world import ejecta, rockfield
+from lunar_rover_sim.world.kept_arrays import kept
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.rocks import Rocks
 
+_RECIPE = 1             # rises with every change of what `far_rocks` returns
 LEAST_DIAMETER_M = 0.3      # of rocks at any distance
 # Nearer to the fine ground there are smaller ones too, so that they do not end at its edge: as
 # large as they look under this angle from its middle [rad], 1.4 px of the default camera.
@@ -32,6 +34,23 @@ def far_rocks(world: World, reach_m: float) -> Rocks:
     Args:
         reach_m: The levels limit it too. A world whose recipe has no seed has none.
     """
+    if not world.hash:
+        return _far_rocks(world, reach_m)
+
+    def rows() -> Array:
+        rocks = _far_rocks(world, reach_m)
+        return np.column_stack([rocks.shape, rocks.size, rocks.position_m, rocks.orientation_wxyz,
+                                rocks.albedo])
+    # A world may have the hash of another one that it was changed from.
+    columns = kept('far_rocks', [_RECIPE, world.hash, world.config.to_mapping(),
+                                 [(grid.n, grid.cell_m) for grid in world.levels], reach_m], rows)
+    return Rocks(columns[:, 0].astype(np.int32), columns[:, 1].astype(np.int32),
+                 np.ascontiguousarray(columns[:, 2:5]), np.ascontiguousarray(columns[:, 5:9]),
+                 columns[:, 9].astype(np.float32), rockfield.size_classes(world.config.rocks))
+
+
+def _far_rocks(world: World, reach_m: float) -> Rocks:
+    """Do the work of `far_rocks`."""
     config, half = world.config.rocks, world.ground.half_extent_m
     reach = min(reach_m, world.levels[-1].half_extent_m - config.max_diameter_m)
     if world.config.seed < 0 or config.abundance == 0.0 or config.max_number == 0 \
@@ -52,8 +71,8 @@ def far_rocks(world: World, reach_m: float) -> Rocks:
     xy = _places(count, _density(world, reach), reach, rng)
     size = np.clip(np.searchsorted(bounds, diameter), 0, len(classes) - 1)
     away = np.abs(xy).max(axis=1)
-    kept = (diameter >= least_diameter_m(xy)) & (away > half + 0.6 * classes[size])
-    xy, size = xy[kept], size[kept]
+    some = (diameter >= least_diameter_m(xy)) & (away > half + 0.6 * classes[size])
+    xy, size = xy[some], size[some]
     apart = rockfield.apart(xy, classes[size])
     return rockfield.laid(config, world, world.rock_shapes, xy[apart], size[apart], rng)
 

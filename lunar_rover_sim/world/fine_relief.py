@@ -21,7 +21,7 @@ from lunar_rover_sim.world.crater_profile import profile_table, RADII, REACH
 
 F32 = NDArray[np.float32]
 
-RECIPE = 4              # rises with every change of what `relief` returns
+RECIPE = 4              # rises with every change of what `relief` or `rises` returns
 SPREAD = 1.8            # a uniform distribution has 3**0.5
 _SALIENCE_TEXELS = 5    # over which salience is smoothed
 _RISE_TEXELS = 128      # as far as `rises` looks
