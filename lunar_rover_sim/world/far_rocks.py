@@ -6,6 +6,8 @@ the coarser levels. They are not stored: the recipe and the catalogue of craters
 
 from __future__ import annotations
 
+import zlib
+
 import numpy as np
 
 from lunar_rover_sim.frames import Array
@@ -41,9 +43,10 @@ def far_rocks(world: World, reach_m: float) -> Rocks:
         rocks = _far_rocks(world, reach_m)
         return np.column_stack([rocks.shape, rocks.size, rocks.position_m, rocks.orientation_wxyz,
                                 rocks.albedo])
-    # A world may have the hash of another one that it was changed from.
+    # A world may have the hash of another one that it was changed from: its heights tell.
     columns = kept('far_rocks', [_RECIPE, world.hash, world.config.to_mapping(),
-                                 [(grid.n, grid.cell_m) for grid in world.levels], reach_m], rows)
+                                 [(grid.cell_m, zlib.crc32(grid.heights_m.tobytes()))
+                                  for grid in world.levels], reach_m], rows)
     return Rocks(columns[:, 0].astype(np.int32), columns[:, 1].astype(np.int32),
                  np.ascontiguousarray(columns[:, 2:5]), np.ascontiguousarray(columns[:, 5:9]),
                  columns[:, 9].astype(np.float32), rockfield.size_classes(world.config.rocks))

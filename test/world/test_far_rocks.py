@@ -81,6 +81,15 @@ def test_the_recipe_gives_the_rocks(world, rocks):
     assert len(far_rocks(world, 0.0)) == 0
 
 
+def test_rocks_that_are_kept_between_starts_are_those_of_these_heights(world, rocks):
+    """A world that is changed in Python keeps the hash of the one that it was."""
+    lifted = dataclasses.replace(world, levels=tuple(
+        HeightGrid(grid.heights_m + np.float32(1.0), grid.cell_m) for grid in world.levels))
+    assert lifted.hash == world.hash
+    found = far_rocks(lifted, REACH_M)
+    np.testing.assert_allclose(found.position_m, rocks.position_m + (0.0, 0.0, 1.0), atol=1e-4)
+
+
 def test_albedo_varies_beyond_the_ground_and_has_no_step_at_its_edge(world):
     grid = world.levels[1]
     factor = far_albedo(world, 1)
