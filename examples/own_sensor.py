@@ -14,11 +14,13 @@ class Inclinometer:
 
     def __init__(self, rng: np.random.Generator, rate_hz: int = 10, noise_deg: float = 0.1):
         self._rng, self._noise_deg, self._period_ns = rng, noise_deg, 1_000_000_000 // rate_hz
+        self._due_ns = self._period_ns
 
     def read(self, state) -> np.ndarray | None:
         """Return roll and pitch [deg]; None while no reading is due."""
-        if state.stamp_ns % self._period_ns:
+        if state.stamp_ns < self._due_ns:
             return None
+        self._due_ns += self._period_ns
         roll_pitch = np.degrees(rpy_from_wxyz(state.orientation_wxyz)[:2])
         return roll_pitch + self._noise_deg * self._rng.standard_normal(2)
 

@@ -4,7 +4,7 @@ import importlib.util
 import os
 from pathlib import Path
 import struct
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 from conftest import PLAIN, SMALL, SMALL_WORLD
@@ -97,6 +97,14 @@ def test_own_controller() -> None:
 def test_own_sensor() -> None:
     readings = example('own_sensor').main(1.0)
     assert readings.shape == (10, 2) and 0.05 < readings.std() < 10.0
+
+
+def test_own_sensor_at_a_rate_that_does_not_divide_the_steps() -> None:
+    """30 Hz in steps of 5 ms: each reading comes with the first state at which it is due."""
+    sensor = example('own_sensor').Inclinometer(np.random.default_rng(1), 30)
+    states = [SimpleNamespace(stamp_ns=5_000_000 * k, orientation_wxyz=(1.0, 0.0, 0.0, 0.0))
+              for k in range(201)]
+    assert sum(sensor.read(state) is not None for state in states) == 30
 
 
 def test_own_estimator() -> None:
