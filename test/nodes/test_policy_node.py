@@ -44,7 +44,7 @@ def test_a_run_is_walked_by_the_policy(policy_file: Path, tmp_path: Path) -> Non
     """Each state is answered, with what the policy gives for the recorded messages."""
     scenario = Scenario.load('flat', {
         'run.nodes': ['physics_node', 'gait_controller_node', 'drive_node', 'recorder_node'],
-        'world.size_m': 12.8}, duration_s=1.0)
+        'world.size_m': 12.8}, duration_s=2.0)
     scenario = with_policy(scenario, policy_file)
     assert 'gait_controller_node' not in scenario.run.nodes
     recording = record(scenario, tmp_path / 'run')
@@ -56,7 +56,7 @@ def test_a_run_is_walked_by_the_policy(policy_file: Path, tmp_path: Path) -> Non
             stamp = message.header.stamp
             found[topic.lstrip('/')][stamp.sec * 10**9 + stamp.nanosec] = message
     states, commands = found['joint_states'], found['joint_commands']
-    assert list(commands) == list(states)[:len(commands)] and len(commands) >= 100
+    assert list(commands) == list(states)[:len(commands)] and len(commands) >= 200
     controller = PolicyController.load(policy_file, load_rover())
     largest = 0.0
     for stamp_ns, state in states.items():

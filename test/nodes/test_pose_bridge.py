@@ -244,7 +244,9 @@ def test_over_dds_time_waits_for_the_picture(peer: Peer, world_folder: Path) -> 
             running('physics_node', '-p', f'world:={world_folder}', *lockstep, '-p',
                     'wait.topics:=[pose_bridge/shown]', '-p', 'wait.lags_s:=[0.1]'):
         shown = calls if SetEntityState is not None else poses
-        peer.spin_until(lambda: len(shown) >= 10 and len(joints) >= 5)
+        # The reader of the states may join later than that of the bridge.
+        peer.spin_until(lambda: len(shown) >= 10 and len(joints) >= 5 and bool(
+            {header_ns(m) for m in joints} & {header_ns(m) for m in states['joint_states']}))
     stamps = [header_ns(joint) for joint in joints]
     # Who takes no part may join late.
     assert stamps == [stamps[0] + 100_000_000 * k for k in range(len(stamps))]
