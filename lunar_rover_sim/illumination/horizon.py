@@ -131,8 +131,7 @@ def split(above_m: F32, sun: SunGeometry) -> tuple[F32, F32]:
 @compiled
 def _split(above_m: F32, tangent: F32, cosine: np.float32,
            lift: np.float32) -> tuple[F32, F32]:
-    """Do the work of `split` for (3, m) heights; lift: as far as the sun stands above the sweep.
-    """
+    """Do the work of `split` for (3, m) heights; lift: angle of the sun above the sweep."""
     clearance, occluder = np.empty_like(above_m[0]), np.empty_like(above_m[0])
     fall, rise = tangent[1] - tangent[0], tangent[2] - tangent[1]
     for k in range(len(clearance)):

@@ -173,12 +173,13 @@ class Slam(Poses):
             return
         if pose.state != TRACKING:
             self._anchored.lose()
-        elif (wheels := self._wheels.present(state)) is not None:
-            start = None if self._anchored.is_anchored else state.T_world_base
-            self._take(state, self._anchored.base(
-                se3(matrix_from_wxyz(pose.wxyz), pose.position_m), wheels, start))
-            assert self._newest is not None
-            self._ready.append(self._newest)
+            return
+        rolled = self._wheels.present(state)
+        assert rolled is not None
+        T = self._anchored.base(se3(matrix_from_wxyz(pose.wxyz), pose.position_m), rolled,
+                                state.T_world_base)
+        self._take(state, T)
+        self._ready.append((state.stamp_ns, T))
 
     def newest(self, now_ns: int) -> tuple[int, Array] | None:
         """Return stamp [ns] and (4, 4) of the newest pose that a command may use; None: none."""
