@@ -60,8 +60,8 @@ class PoseSource:
         self._wheels: deque[Odometry] = deque()
         self._rolled: deque[tuple[int, Array]] = deque()    # poses by wheels and IMU
         self._tracked: deque[tuple[int, Array]] = deque()   # T_map_camera of the SLAM program
-        self._statuses: deque[int] = deque()
-        self._imu_ns = 0
+        self._statuses: deque[tuple[int, bool]] = deque()   # and whether it tracks
+        self._told_ns = self._imu_ns = 0                    # of the newest pose told, and sample
         self._R_base_imu = imu_pose(rover)[:3, :3]
         self._levelled = LevelledWheels()
         self._anchored = AnchoredPoses(optical_poses(rover)[0])
@@ -109,7 +109,8 @@ class PoseSource:
                 queue.clear()       # type: ignore[attr-defined]
             self._levelled.restart()
             self._anchored.restart()
-            self.answered_ns, self._imu_ns, self._rolls = 0, 0, False
+            self.answered_ns = self._told_ns = self._imu_ns = 0
+            self._rolls = False
             self._on_restart()
         if self._kind != TRUTH and self._begun:
             self._truth.clear()
@@ -132,23 +133,21 @@ class PoseSource:
         self._pair()
 
     def _slam_callback(self, msg: PoseStamped) -> None:
+        self._told_ns = header_ns(msg)
         p, q = msg.pose.position, msg.pose.orientation
         numbers = np.array([p.x, p.y, p.z, q.w, q.x, q.y, q.z])
         norm = float(np.linalg.norm(numbers[3:]))
         if not np.isfinite(numbers).all() or not abs(norm - 1.0) < 1e-2:
             self._node.warnings.add('pose', f'{topics.SLAM_POSE.name}: {numbers.tolist()} is no '
                                     'pose, and not used')
-            return
-        T = frames.se3(frames.matrix_from_wxyz(numbers[3:] / norm), numbers[:3])
-        self._tracked.append((header_ns(msg), T))
+        else:
+            T = frames.se3(frames.matrix_from_wxyz(numbers[3:] / norm), numbers[:3])
+            self._tracked.append((self._told_ns, T))
         self._pair()
 
     def _status_callback(self, msg: DiagnosticArray) -> None:
-        self._statuses.append(header_ns(msg))
-        tracked = any(status.message == 'tracking' for status in msg.status)
-        if not tracked:
-            self._anchored.lose()
-            self._answered(header_ns(msg))
+        tracks = any(status.message == 'tracking' for status in msg.status)
+        self._statuses.append((header_ns(msg), tracks))
         self._pair()
 
     @property
@@ -159,37 +158,43 @@ class PoseSource:
     def _pair(self) -> None:
         """Make poses of what has come of several topics."""
         self._roll()
-        if self._kind != SLAM:
-            return
-        while self._tracked and self._rolled and self._rolled[-1][0] >= self._tracked[0][0]:
+        # The pose and the status of a frame come on two topics, in any order.
+        while self._statuses:
+            stamp, tracks = self._statuses[0]
+            if not self._anchor(stamp) or tracks and self._told_ns < stamp:
+                return
+            self._statuses.popleft()
+            if not tracks:
+                self._anchored.lose()
+            self._answered(stamp)
+
+    def _anchor(self, up_to_ns: int) -> bool:
+        """Make the poses of the SLAM program up to a stamp [ns]; return whether none waits."""
+        while self._tracked and self._tracked[0][0] <= up_to_ns:
             stamp, T_map_camera = self._tracked[0]
-            start = None if self._anchored.is_anchored else self._true_pose(stamp)
-            if start is None and not self._anchored.is_anchored and not self._is_past(stamp):
-                break
+            waits, start = self._start(stamp, self._anchored.is_anchored)
+            if waits or not self._rolled or self._rolled[-1][0] < stamp:
+                return False
             self._tracked.popleft()
             rolled = next((T for ns, T in reversed(self._rolled) if ns <= stamp), None)
             if rolled is None or start is None and not self._anchored.is_anchored:
                 continue            # from before this node has joined
             self._poses.append((stamp, self._anchored.base(T_map_camera, rolled, start)))
             _forget(self._poses, stamp)
-        # The pose and the status of a frame come on two topics, in any order.
-        while self._statuses and (self.answered_ns >= self._statuses[0] or (
-                self._poses and self._poses[-1][0] >= self._statuses[0])):
-            self._answered(self._statuses.popleft())
+        return True
 
     def _roll(self) -> None:
         """Make the poses of wheels and IMU."""
         while self._wheels and self._imu_ns >= header_ns(self._wheels[0]):
             stamp = header_ns(self._wheels[0])
-            start = None if self._rolls else self._true_pose(stamp)
+            waits, start = self._start(stamp, self._rolls)
+            if waits:
+                return
+            told = self._wheels.popleft().pose.pose
             if start is None and not self._rolls:
-                if not self._is_past(stamp):
-                    return
-                self._wheels.popleft()      # from before this node has joined
-                continue
+                continue            # from before this node has joined
             self._rolls = True
-            p, q = self._wheels[0].pose.pose.position, self._wheels[0].pose.pose.orientation
-            self._wheels.popleft()
+            p, q = told.position, told.orientation
             pose = self._levelled.base((p.x, p.y, 2.0 * math.atan2(q.z, q.w)), start)
             self._rolled.append((stamp, pose))
             _forget(self._rolled, stamp)
@@ -198,13 +203,16 @@ class PoseSource:
                 _forget(self._poses, stamp)
                 self._answered(stamp)
 
-    def _is_past(self, stamp: int) -> bool:
-        """Return whether the truth has come up to a later stamp."""
-        return bool(self._truth) and self._truth[-1][0] > stamp
+    def _start(self, stamp: int, has_begun: bool) -> tuple[bool, Array | None]:
+        """Return whether what has come must wait for the true start, and that pose.
 
-    def _true_pose(self, stamp: int) -> Array | None:
+        It is None where it is not needed any more, or older than the truth that is known.
+        """
+        if has_begun:
+            return False, None
         raw = next((raw for ns, raw in self._truth if ns == stamp), None)
-        return None if raw is None else _pose_of(raw)
+        is_past = bool(self._truth) and self._truth[-1][0] > stamp
+        return raw is None and not is_past, None if raw is None else _pose_of(raw)
 
     def _answered(self, stamp: int) -> None:
         if stamp > self.answered_ns:
