@@ -51,10 +51,10 @@ class NavigateToPoseServer:
         self._number += 1
 
     async def _execute(self, handle: Any) -> Any:
-        result = self._kind.Result()
-        if self._set_goals([handle.request.pose]):
+        refused = self._set_goals([handle.request.pose])
+        if refused:
             handle.abort()      # an earlier goal stays
-            return result
+            return self._result(refused)
         self.replace()
         number, self._command = self._number, None
         sleep = importlib.import_module('rclpy.task').Future
@@ -63,12 +63,18 @@ class NavigateToPoseServer:
             if handle.is_cancel_requested:
                 self._set_goals([])
                 handle.canceled()
-                return result
+                return self._result()
             if command is not None and command.status in (ARRIVED, FAILED):
                 (handle.succeed if command.status == ARRIVED else handle.abort)()
-                return result
+                return self._result(command.reason)
             await _pause(sleep)
         handle.abort()
+        return self._result('a newer goal has replaced this one')
+
+    def _result(self, reason: str = '') -> Any:
+        result = self._kind.Result()
+        if hasattr(result, 'error_msg'):    # early releases of Jazzy have none
+            result.error_msg = reason
         return result
 
 

@@ -22,6 +22,11 @@ class Handle:
 
     def __init__(self, pose: str) -> None:
         self.request, self.is_cancel_requested, self.ends = SimpleNamespace(pose=pose), False, []
+        self.task: Any = None
+
+    @property
+    def reason(self) -> str:
+        return str(self.task.result().error_msg)
 
     def __getattr__(self, name: str) -> Any:
         assert name in ('succeed', 'abort', 'canceled')
@@ -36,21 +41,22 @@ class Client:
         monkeypatch.setattr(callback_groups, 'ReentrantCallbackGroup', SimpleNamespace)
         self.set: list[list[str]] = []
         self.tasks: list[Any] = []
-        self.server = NavigateToPoseServer(object(), SimpleNamespace(Result=dict),  # type: ignore
-                                           self._set_goals)
+        self.server = NavigateToPoseServer(object(), SimpleNamespace(  # type: ignore
+            Result=lambda: SimpleNamespace(error_msg='')), self._set_goals)
 
     def _take(self, node: Any, kind: Any, name: str, execute: Any, **_: Any) -> None:
         self.name, self.execute = name, execute
 
     def _set_goals(self, poses: Any) -> str:
         if poses == [REFUSED]:
-            return 'refused'
+            return 'goal: too far'
         self.set.append(poses)
         return ''
 
     def send(self, pose: str) -> Handle:
         handle = Handle(pose)
-        self.tasks.append(task.Task(self.execute, (handle,)))
+        handle.task = task.Task(self.execute, (handle,))
+        self.tasks.append(handle.task)
         self.turn()
         return handle
 
@@ -77,7 +83,7 @@ def test_a_goal_ends_as_the_navigator_ends(client, status, end):
     client.turn()
     assert not goal.ends
     client.server.tell(NavigatorCommand(0.0, 0.0, status, 'stuck: moved'))
-    assert client.ends(goal) == [end]
+    assert client.ends(goal) == [end] and goal.reason == 'stuck: moved'
 
 
 def test_a_cancelled_goal_makes_the_rover_stand(client):
@@ -88,11 +94,13 @@ def test_a_cancelled_goal_makes_the_rover_stand(client):
 
 def test_a_newer_goal_aborts_an_older_one_but_a_refused_one_does_not(client):
     first = client.send('a')
-    assert client.ends(client.send(REFUSED)) == ['abort']
+    refused = client.send(REFUSED)
+    assert client.ends(refused) == ['abort'] and refused.reason == 'goal: too far'
     client.turn()
     assert not first.ends
     second = client.send('b')
     assert client.ends(first) == ['abort'] and not second.ends
+    assert first.reason == 'a newer goal has replaced this one'
     client.server.replace()     # by a topic
     client.server.tell(NavigatorCommand(0.0, 0.0, ARRIVED))
     assert client.ends(second) == ['abort']

@@ -300,7 +300,7 @@ function drive() {
   const moves = stick.ahead !== 0 || stick.turn !== 0, others = facts.drivers ?? [];
   element('pad').classList.toggle('off', others.length > 0);
   element('drive').textContent = others.length ?
-    `${others.join(', ')} drives; start the run with --teleop to drive here` :
+    `${others.join(', ')} publishes cmd_vel; start the run with --teleop to drive here` :
     `${stick.ahead.toFixed(2)} m/s ahead, ${stick.turn.toFixed(2)} rad/s to the left`;
   if (scope !== null && !others.length && (moves || wasDriving) && socket.readyState === 1) {
     const twist = encodeTwist(stick.ahead, stick.turn), bytes = new Uint8Array(5 + twist.length);
