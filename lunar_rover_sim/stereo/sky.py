@@ -7,12 +7,14 @@ edge of the image. The disc of the sun and its blooming are full, and lie in it.
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 F32 = NDArray[np.float32]
-U8 = NDArray[np.uint8]
+U8 = NDArray[np.uint8]         # of masks: 0 or 255
 Mask = NDArray[np.bool_]
 
 # Chosen on rendered pairs of baseline and feature_sparse with the sun at 2, 6 and 10 deg.
@@ -39,57 +41,75 @@ def sky(image: U8, disparity_px: F32, valid: Mask) -> Mask:
             images: in a picture with the sun, what seems to be very far is passed over.
         valid: (h, w) where it is.
     """
-    detail = _detail(image)
-    noise = float(np.clip(np.median(detail[:_TOP_ROWS]), *_NOISE))
-    even = detail < _OVER_NOISE * noise
-    found = _grown(_from_above(even), image, noise)
-    passed = found
-    if _add_sun(found, image):
-        far = disparity_px < _FAR_PX
-        passed = found | even | ~valid | far
+    variance = _variance_of_detail(image)
+    noise = float(np.clip(np.sqrt(np.median(variance[:_TOP_ROWS])), *_NOISE))
+    even = _between(variance, -1.0, (_OVER_NOISE * noise)**2)
+    found = _from_above(even)
+    # No sky lies below these rows, and most steps cost in proportion to them.
+    _, top, _, height = cv2.boundingRect(found)
+    rows = slice(top + height + _HALO_PX)
+    _grow(found[rows], image[rows], noise)
+    if _add_sun(found[rows], image[rows]):
+        far = _between(disparity_px, -np.inf, _FAR_PX)      # down to the ground
+        passed = found | even | np.where(valid, far, np.uint8(255))
         found |= far
+    else:
+        passed = found = found[rows]
     # Shadow on the ground is as even, but lies below detail.
-    found &= np.logical_and.accumulate(passed, axis=0)
-    return np.asarray(cv2.dilate(found.view(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+    found = found & np.bitwise_and.accumulate(passed, axis=0)
+    result = np.zeros(image.shape, bool)
+    result[:len(found)] = cv2.dilate(found, np.ones((3, 3), np.uint8)) > 0
+    return result
 
 
-def _detail(image: U8) -> F32:
-    """Return the standard deviation of what varies over a few pixels."""
-    grey = image.astype(np.float32)
-    grey -= cv2.blur(grey, (_EVEN_PX, _EVEN_PX))
-    return np.asarray(cv2.sqrt(cv2.blur(grey * grey, (_DETAIL_PX, _DETAIL_PX))), np.float32)
+def _variance_of_detail(image: U8) -> F32:
+    """Return the variance of what varies over a few pixels."""
+    mean = cv2.boxFilter(image, cv2.CV_32F, (_EVEN_PX, _EVEN_PX))
+    apart = cv2.subtract(image, mean, dtype=cv2.CV_32F)
+    return np.asarray(cv2.sqrBoxFilter(apart, cv2.CV_32F, (_DETAIL_PX, _DETAIL_PX)), np.float32)
 
 
-def _from_above(even: Mask) -> Mask:
+def _between(values: NDArray[Any], least: float, most: float) -> U8:
+    return np.asarray(cv2.inRange(values, float(least), float(most)), np.uint8)
+
+
+def _from_above(even: U8) -> U8:
     """Return the parts that reach the upper edge."""
-    _, parts = cv2.connectedComponents(even.astype(np.uint8), connectivity=4)
-    reaching = np.unique(parts[0][even[0]])
-    return np.isin(parts, reaching[reaching > 0])
+    count, parts = cv2.connectedComponents(even, connectivity=4)
+    reaching = np.zeros(count, np.uint8)
+    reaching[parts[0]] = 255
+    reaching[0] = 0
+    return np.take(reaching, np.asarray(parts, np.int32))
 
 
-def _grown(found: Mask, image: U8, noise: float) -> Mask:
-    """Return the sky with the pixels beside it that are as bright as it is."""
-    grey, weight = image.astype(np.float32), found.astype(np.float32)
-    window = (_AROUND_PX, _AROUND_PX)
-    around = cv2.blur(grey * weight, window) / np.maximum(cv2.blur(weight, window), 1e-6)
-    alike = np.abs(grey - around) < _ALIKE * noise
+def _grow(found: U8, image: U8, noise: float) -> None:
+    """Add the pixels beside the sky that are as bright as it is."""
+    bright, share = (cv2.boxFilter(values, cv2.CV_32F, (_AROUND_PX, _AROUND_PX))
+                     for values in (image & found, found & 1))
+    around = cv2.divide(bright, share)
+    apart = cv2.subtract(image, around, dtype=cv2.CV_32F)   # NaN where none is found around
+    alike = _between(apart, -_ALIKE * noise, _ALIKE * noise)
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
     for _ in range(_GROWN):
-        found |= (cv2.dilate(found.view(np.uint8), cross) > 0) & alike
-    return found
+        cv2.bitwise_or(found, cv2.bitwise_and(cv2.dilate(found, cross), alike), found)
 
 
-def _add_sun(found: Mask, image: U8) -> bool:
+def _add_sun(found: U8, image: U8) -> bool:
     """Add full patches in the sky, and the steep edge of their halo; return if there are any."""
-    count, parts, facts, _ = cv2.connectedComponentsWithStats((image >= _FULL).astype(np.uint8))
+    full = _between(image, _FULL, 255)
+    _, parts = cv2.connectedComponents(full)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * _HALO_PX + 1, 2 * _HALO_PX + 1))
     there = False
-    for k in range(1, count):
-        if facts[k, cv2.CC_STAT_AREA] < _SUN_PX:
-            continue
-        near = cv2.dilate((parts == k).astype(np.uint8), disc) > 0
-        if found[near & (parts != k)].mean() > _BESIDE_SKY:
+    for k in np.flatnonzero(np.bincount(parts[full > 0]) >= _SUN_PX).tolist():
+        patch = _between(parts, k, k)
+        left, top, width, height = cv2.boundingRect(patch)
+        first, bottom = max(top - _HALO_PX, 0), top + height + _HALO_PX
+        columns = slice(max(left - _HALO_PX, 0), left + width + _HALO_PX)
+        box = slice(first, bottom), columns
+        near = cv2.dilate(patch[box], disc)
+        if np.mean(found[box][near > patch[box]] > 0) > _BESIDE_SKY:
             # So is all above the sun.
-            found |= np.logical_or.accumulate(near[::-1], axis=0)[::-1]
+            found[box] |= np.bitwise_or.accumulate(near[::-1], axis=0)[::-1]
+            found[:first, columns] |= near.max(axis=0)
             there = True
     return there

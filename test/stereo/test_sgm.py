@@ -395,3 +395,13 @@ def test_shadow_below_lit_ground_is_not_sky():
     maps = [SgmMatcher(SgmConfig(num_disparities=64, find_sky=find)).match(left, right)
             for find in (True, False)]
     assert np.array_equal(*(m.valid[30:] for m in maps))
+
+
+def test_nothing_but_sky_with_the_sun_and_nothing_of_it():
+    """The search ends at the last row, or with the first."""
+    left, right, _ = glaring()
+    upper = SgmMatcher(SgmConfig(num_disparities=64)).match(left[:90], right[:90])
+    assert upper.valid.mean() < 0.005
+    maps = [SgmMatcher(SgmConfig(num_disparities=64, find_sky=find)).match(left[130:], right[130:])
+            for find in (True, False)]
+    assert np.array_equal(*(m.valid for m in maps))
