@@ -167,19 +167,18 @@ class GroundPass:
     def _load(self, kinds: Iterable[PixelKind]) -> None:
         """Compile programs of pixels."""
         for kind in kinds:
+            relief = {'RELIEF': 1, 'RELAXED': _RELAXED} if self._relief is not None else {}
             if kind.surface:
-                relief = {'RELIEF': 1, 'RELAXED': _RELAXED} if self._relief is not None else {}
                 program = load_program(self._context, 'screen', 'surface', **relief,
                                        **kind.defines)
             else:
                 # Painted relief casts no shadow under the lamp: the camera beside it would see
                 # dark places where it should see the lit faces before them.
-                lamp = {'LAMP': 1, **({'LAMP_RELIEF': 1} if self._relief is not None else {})}
-                light = {**(lamp if self._lamp else {}),
+                light = {**({'LAMP': 1} if self._lamp else {}),
                          **({'SMOOTH': 1} if self._detail.smooth_outlines else {})}
                 program = load_program(self._context, 'screen', 'ground',
                                        LEVELS=len(self._levels), RELIEF_LEVELS=LEVELS, ZONE=ZONE,
-                                       **kind.defines, **(light if kind.lit else {}))
+                                       **relief, **kind.defines, **(light if kind.lit else {}))
             # Samplers of two kinds may not share a unit, used or not.
             set_uniform(program, u_crater_cells=texture_units.CRATER_CELLS,
                         u_crater_list=texture_units.CRATER_LIST)
@@ -310,10 +309,8 @@ class GroundPass:
         program = self._programs[kind]
         if not kind.surface:
             self._surface.bind(program)
-            if self._relief is not None and self._lamp:
-                self._relief.bind(program)
-            set_uniform(program, u_relief_reach=self._relief.reach_m if self._relief else 0.0)
-        elif self._relief is not None:
+            set_uniform(program, u_relief_reach=0.0)
+        if self._relief is not None:
             self._relief.bind(program)
         ground_depth.use(texture_units.GROUND_DEPTH)
         set_uniform(program, u_depth=texture_units.GROUND_DEPTH)

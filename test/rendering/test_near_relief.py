@@ -94,7 +94,7 @@ def views():
         heights = Heights(1)
         for yaw_deg in YAWS_DEG:
             state = RoverPose(scene.pose(yaw_deg=yaw_deg))
-            frame = renderer.render(state, 0, ('radiance', 'depth', 'shadow'))
+            frame = renderer.render(state, 0, ('radiance', 'depth', 'shadow', 'normal'))
             T = state.T_world_base @ renderer.rig.T_base_left
             result.append(looked_up(frame, renderer.rig.rays(), T, heights, config))
     return result, renderer.rig
@@ -137,9 +137,12 @@ def looked_up(frame, rays, T, heights, config):
     law = config.sun.irradiance * hapke.reflectance(
         sun[2], view[:, 2], view @ sun, hapke.parameter_set(config.reflectance.ground),
         albedo=config.reflectance.albedo_scale)
+    seen = T[:3, 3] + depth[:, None] * ray
+    slope = np.column_stack([heights(seen[:, :2] + apart) - heights(seen[:, :2] - apart)
+                             for apart in (0.003 * np.eye(2))]) / 0.006
     phase_deg = np.degrees(np.arccos(np.clip(view @ sun, -1.0, 1.0)))
     return dict(depth=depth, met=met, free=free, radiance=frame.radiance[chosen], law=law,
-                phase_deg=phase_deg, height=place[:, 2])
+                phase_deg=phase_deg, height=place[:, 2], normal=frame.normal[chosen], slope=slope)
 
 
 def joined(views, name):
@@ -158,6 +161,16 @@ def test_disparity_is_that_of_the_heights(views):
     for some in (np.ones(len(met), bool), pebbles):
         assert np.percentile(error[some], 75) < 0.1
     assert np.median(error[pits]) < 0.1 and pits.sum() > 500 and pebbles.sum() > 150
+
+
+def test_normals_are_those_of_the_heights(views):
+    """Slopes over 6 mm: of the map that is drawn, whose texels are of 3 mm."""
+    normal, slope = joined(views, 'normal'), joined(views, 'slope')
+    assert np.linalg.norm(normal, axis=1) == pytest.approx(1.0, abs=1e-3)
+    error = np.linalg.norm(-normal[:, :2] / normal[:, 2:] - slope, axis=1)
+    assert np.median(error) < 0.4 * np.median(np.linalg.norm(slope, axis=1))
+    for axis in range(2):
+        assert np.corrcoef(-normal[:, axis] / normal[:, 2], slope[:, axis])[0, 1] > 0.93
 
 
 def test_ground_hides_its_shadows_away_from_the_sun(views):

@@ -3,8 +3,13 @@
 #include "ray.glsl"
 #include "relief.glsl"
 #include "relief_share.glsl"
-#ifdef LAMP_RELIEF
+#ifdef RELIEF
+uniform sampler2D u_relief;     // height over the grid [m], bound of the slopes around; wraps around
+uniform float u_relief_scale;   // 1 / its extent [1/m]
+const float RELIEF_TEXEL = 0.003125;    // of it [m]
+#ifdef LAMP
 #include "lamp_relief.glsl"
+#endif
 #endif
 #ifdef TRACKS
 #include "tracks.glsl"
@@ -133,7 +138,7 @@ void main() {
 #ifdef LAMP
     vec3 to_lamp;
     float lamp = lamp_irradiance(relative, up, to_lamp);
-#ifdef LAMP_RELIEF
+#ifdef RELIEF
 #ifdef TRACKS
     lamp *= lamp_over_relief(xy, up, to_lamp, kept);
 #else

@@ -1,4 +1,4 @@
-// What is true of the ground, without the relief below the grid.
+// What is true of the ground; relief below the grid counts where it has shape.
 #include "truth.glsl"
 // Craters of each cell of each level, the youngest first (crater_map.py).
 uniform sampler2DArray u_crater_cells;  // first entry of the list, and the one after the last
@@ -17,10 +17,25 @@ float crater_at(vec2 xy, vec3 cell) {
     return 0.0;
 }
 
+#ifdef RELIEF
+float drawn_relief(vec2 xy) {
+    return textureLod(u_relief, xy * u_relief_scale, 0.0).r * relief_share(xy);
+}
+#endif
+
 // uv: place in u_ground; extent: half of that of its level [m]
 void tell_ground(vec2 xy, vec3 uv, float extent) {
     vec2 slope = textureLod(u_ground, uv, 0.0).xy;
     float label = 1.0, crater = 0.0;
+#ifdef RELIEF
+    vec2 apart = vec2(0.5 * RELIEF_TEXEL, 0.0);
+    vec2 rise = vec2(drawn_relief(xy + apart.xy) - drawn_relief(xy - apart.xy),
+                     drawn_relief(xy + apart.yx) - drawn_relief(xy - apart.yx)) / RELIEF_TEXEL;
+#ifdef TRACKS
+    rise *= soil_at(xy).y;
+#endif
+    slope += rise;
+#endif
 #ifdef TRACKS
     Print print = print_at(xy, -16.0);
     slope += print.slope;
