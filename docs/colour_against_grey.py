@@ -55,7 +55,7 @@ def main() -> None:
         change = colour - mono
         low, high = stats.t.interval(0.95, PLACES - 1, change.mean(), stats.sem(change))
         print(f'| {name} | {mono.mean():.4g} | {colour.mean():.4g} | {change.mean():+.3g} '
-              f'({low:+.3g} to {high:+.3g}) | {stats.wilcoxon(change).pvalue:.2g} |')
+              f'[{low:+.3g}, {high:+.3g}] | {stats.wilcoxon(change).pvalue:.2g} |')
 
 
 if __name__ == '__main__':

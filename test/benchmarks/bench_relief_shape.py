@@ -1,0 +1,205 @@
+"""What relief below the grid costs stereo and odometry where it has shape, over paired drives.
+
+    python test/benchmarks/bench_relief_shape.py -o FILE.csv [--seeds 1 2 3 4 5 6] [--shape 2.5]
+        [--samples 1] [--stereo-only]
+        [--slam "~/orbslam3/bin/python {wheel} lunar_voc.txt {settings} stereo"]
+
+A drive is 5 s at 0.12 m/s on `baseline`, in a world and a direction of its own (100 pairs of
+640 x 480 px). Each state is drawn twice, with `detail.relief_shape_m` of 0 and of `--shape`, by
+turns first; depth, truth and what is tracked are each picture's own. Every tenth pair is matched,
+and corners of the left image are tracked into the one before it. The built-in odometry, and a
+program if one is given, follow all pairs. A row of the file is a drive; rows are written as they
+come, and a run that is started again goes on. It prints means, the mean of the paired differences
+with its 95 % interval, and p of Wilcoxon's test, in Markdown; it asserts nothing.
+
+With `--samples` of 2 less of a difference is the renderer's; `--stereo-only` draws what is judged.
+"""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import ExitStack
+import csv
+from pathlib import Path
+import sys
+import time
+
+import cv2
+import numpy as np
+from scipy import stats
+
+from lunar_rover_sim import evaluate, Trajectory
+from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.sequences.sensors import described_sensors
+from lunar_rover_sim.slam.program import Tracker
+from lunar_rover_sim.slam.protocol import FrameSet, TRACKING
+from lunar_rover_sim.stereo.depth import disparity_from_depth
+from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
+
+DURATION_S, STATE_HZ, FRAME_HZ, JUDGED = 5.0, 200, 20, 10
+NEAR_M = 2.0            # up to here all of the relief has shape
+REFERENCE = f'{sys.executable} -m lunar_rover_sim.slam.client'
+_LK = {'winSize': (15, 15), 'maxLevel': 3,
+       'criteria': (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)}
+_LOST_PX = 3.0
+MEASURES = {
+    'bad_1': 'SGM to 2 m: bad-1 [%]', 'density': 'SGM to 2 m: density on lit ground [%]',
+    'median_px': 'SGM to 2 m: median signed error [px]', 'all_bad_1': 'SGM: bad-1 [%]',
+    'all_density': 'SGM: density on lit ground [%]', 'klt_px': 'KLT to 2 m: median error [px]',
+    'klt_lost': 'KLT to 2 m: wrong by more than 3 px [%]', 'ate_mm': 'odometry: ATE [mm]',
+    'rpe_mm': 'odometry: RPE over 1 s [mm]', 'slam_ate_mm': 'program: ATE [mm]',
+    'slam_rpe_mm': 'program: RPE over 1 s [mm]', 'cpu_ms': 'CPU of a pair [ms]'}
+
+
+class Picture:
+    """Pairs of one kind of relief, and what stereo and KLT make of them."""
+
+    def __init__(self, scenario, world, simulation, owned):
+        """Make its renderer, which follows the tracks of the simulation."""
+        self.renderer = owned.enter_context(scenario.renderer(world))
+        self.renderer.follow(simulation.overlay)
+        self.matcher = scenario.matcher()
+        self.errors = {'': StereoErrors(), 'all_': StereoErrors()}
+        self.pairs, self.cpu_s, self.points_px = [], [], []
+
+    def draw(self, state, before):
+        """Draw a state; judge it if one before it is given."""
+        start = time.process_time()
+        frame = self.renderer.render(state, len(self.pairs), ('left', 'right'))
+        self.cpu_s.append(time.process_time() - start)
+        self.pairs.append((state.stamp_ns, (frame.left, frame.right)))
+        if before is not None:
+            truth = self.renderer.render(state, 0, ('depth', 'optical_flow'), before)
+            self._match(frame, truth.depth_m)
+            self._track(frame.left, self.pairs[-2][1][0], truth)
+
+    def _match(self, frame, depth_m):
+        found, rig = self.matcher.match(frame.left, frame.right), self.renderer.rig
+        for name, far_m in (('', NEAR_M), ('all_', np.inf)):
+            there = np.where(depth_m < far_m, depth_m, np.inf)
+            self.errors[name] += stereo_errors(found, disparity_from_depth(
+                there, rig.focal_px, rig.baseline_m), None, frame.left)
+
+    def _track(self, now, before, truth):
+        corners = cv2.goodFeaturesToTrack(now, 2000, 0.005, 5)[:, 0]
+        there, found, _ = cv2.calcOpticalFlowPyrLK(now, before, corners[:, None], None, **_LK)
+        column, row = np.rint(corners).astype(int).T
+        flow = truth.optical_flow[row, column]
+        near = (found[:, 0] == 1) & (truth.depth_m[row, column] < NEAR_M)
+        near &= np.isfinite(flow).all(axis=1)
+        self.points_px.append(np.linalg.norm(there[:, 0] - corners - flow, axis=1)[near])
+
+    def measures(self):
+        """Return what is known without odometry, by name."""
+        points = np.concatenate(self.points_px)
+        result = {'klt_px': np.median(points[points < _LOST_PX]),
+                  'klt_lost': 100.0 * np.mean(points >= _LOST_PX),
+                  'cpu_ms': 1e3 * np.median(self.cpu_s)}
+        for name, errors in self.errors.items():
+            found = errors.summary()
+            result |= {f'{name}bad_1': 100.0 * found['bad-1'],
+                       f'{name}density': 100.0 * found['density on lit ground']}
+        return result | {'median_px': self.errors[''].median_px}
+
+
+def odometry(program, suite, pairs, truth):
+    """Return RMS errors of positions and of motions over 1 s [mm], infinite if it is lost."""
+    stamps, poses = [], []
+    with Tracker(program, suite, 'stereo', 120.0, 120.0) as tracker:
+        for stamp_ns, pair in pairs:
+            pose = tracker.track(FrameSet(stamp_ns, pair))
+            if pose.state == TRACKING:
+                stamps.append(stamp_ns)
+                poses.append((*pose.position_m, *pose.wxyz))
+    if len(stamps) < 0.9 * len(pairs):
+        return np.inf, np.inf
+    found = np.array(poses)
+    judged = evaluate(truth, Trajectory(np.array(stamps), found[:, :3], found[:, 3:]),
+                      estimate_frame='left')
+    return 1e3 * judged.ate_m.rmse, 1e3 * judged.rpe_time_m.rmse
+
+
+def drive(seed, shapes_m, samples, programs):
+    """Return the measures of a drive by each kind of relief."""
+    with ExitStack() as owned:
+        options = ('render_node.camera.width=640', 'render_node.camera.height=480',
+                   f'physics_node.start.yaw_deg={60 * seed}',
+                   f'render_node.detail.supersampling={samples}')
+        scenarios = [Scenario.load('baseline', (
+            *options, f'render_node.detail.relief_shape_m={m}'), seed=seed) for m in shapes_m]
+        plain, world = scenarios[0], scenarios[0].load_world()
+        simulation = owned.enter_context(plain.simulation(world))
+        pictures = [Picture(scenario, world, simulation, owned) for scenario in scenarios]
+        gait = plain.gait_controller()
+        gait.set_velocity(0.12, 0.0)
+        state, states, before = simulation.state, [], None
+        for k in range(1, round(DURATION_S * STATE_HZ) + 1):
+            legs = gait.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)
+            simulation.command(legs.velocity_radps)
+            state = simulation.advance(1000 // STATE_HZ)
+            states.append(state)
+            number, rest = divmod(k, STATE_HZ // FRAME_HZ)
+            if rest == 0 and (programs or number % JUDGED in (0, JUDGED - 1)):
+                for picture in pictures[::1 if number % 2 else -1]:
+                    picture.draw(state, before if number % JUDGED == 0 else None)
+                before = state
+    truth = Trajectory.of_states(states)
+    suite = described_sensors(plain.rover, plain.render_node.camera, plain.physics_node.imu,
+                              FRAME_HZ, STATE_HZ, plain.physics_node.gravity_mps2)
+    results = []
+    for picture in pictures:
+        result = picture.measures()
+        for prefix, program in programs.items():
+            ate, rpe = odometry(program, suite, picture.pairs, truth)
+            result |= {f'{prefix}ate_mm': ate, f'{prefix}rpe_mm': rpe}
+        results.append(result)
+    return results
+
+
+def main() -> None:
+    """Drive what is missing, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
+    parser.add_argument('-o', '--output', type=Path, required=True)
+    parser.add_argument('--seeds', type=int, nargs='+', default=list(range(1, 7)))
+    parser.add_argument('--shape', type=float, default=2.5)
+    parser.add_argument('--samples', type=int, default=1, help='along a side of a pixel')
+    parser.add_argument('--stereo-only', action='store_true')
+    parser.add_argument('--slam', help='program, as `run --slam` takes it')
+    args = parser.parse_args()
+    programs = {} if args.stereo_only else {'': REFERENCE}
+    if args.slam:
+        programs['slam_'] = args.slam
+    head = ('seed', 'samples', 'shape_m', *MEASURES)
+    if not args.output.exists():
+        args.output.write_text(','.join(head) + '\n', 'utf-8')
+    with args.output.open(encoding='utf-8', newline='') as file:
+        done = {(int(row['seed']), int(row['samples'])) for row in csv.DictReader(file)}
+    for seed in args.seeds:
+        if (seed, args.samples) not in done:
+            shapes = (0.0, args.shape)
+            results = drive(seed, shapes, args.samples, programs)
+            with args.output.open('a', encoding='utf-8', newline='') as file:
+                for shape, result in zip(shapes, results):
+                    csv.DictWriter(file, head).writerow({
+                        'seed': seed, 'samples': args.samples, 'shape_m': shape,
+                        **{name: f'{value:.5g}' for name, value in result.items()}})
+    with args.output.open(encoding='utf-8', newline='') as file:
+        rows = [row for row in csv.DictReader(file) if int(row['samples']) == args.samples]
+    print('| | light only | shape | difference | p |\n|---|---|---|---|---|')
+    for name, words in MEASURES.items():
+        if not any(row[name] for row in rows):
+            continue
+        light, shape = (np.array([float(row[name]) for row in rows
+                                  if (float(row['shape_m']) > 0.0) == kind])
+                        for kind in (False, True))
+        if not np.isfinite((light, shape)).all():
+            print(f'| {words} | {light} | {shape} | lost | |')
+            continue
+        change = shape - light
+        low, high = stats.t.interval(0.95, len(change) - 1, change.mean(), stats.sem(change))
+        print(f'| {words} | {light.mean():.3g} | {shape.mean():.3g} | {change.mean():+.2g} '
+              f'[{low:+.2g}, {high:+.2g}] | {stats.wilcoxon(change).pvalue:.2g} |')
+
+
+if __name__ == '__main__':
+    main()
