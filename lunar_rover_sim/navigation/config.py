@@ -138,8 +138,7 @@ class NavigatorConfig(Parameters):
     look_unknown_m: float = param(0.15, 'length of unknown ground on it that makes the rover '
                                   'look', unit='m', low=0.0, high=5.0)
     look_s: float = param(1.5, 'time that it looks', unit='s', low=0.1, high=60.0)
-    tilt_limit_deg: float = param(28.0, 'tilt at which it stands, and backs off if it lasts; it '
-                                  'stands sooner where the body rears fast', unit='deg', low=5.0,
+    tilt_limit_deg: float = param(28.0, 'tilt at which it backs off', unit='deg', low=5.0,
                                   high=89.0)
     tilt_time_s: float = param(0.6, 'time for which that tilt must last: a step rocks the body',
                                unit='s', low=0.0, high=10.0)

@@ -29,7 +29,6 @@ IDLE, WAITING, FOLLOWING, LOOKING, BACKING, ARRIVED, FAILED = (
 BLOCKED, STUCK, LOST, TILT = 'blocked', 'stuck', 'lost', 'tilt'     # why it gives up
 
 _BACK_MPS = -0.08
-_FORESIGHT_S = 0.3          # in which a body that rears can no longer be held
 _FACING_RAD = math.radians(12.0)
 _LOOK_FOR_S = 30.0          # of turning towards what is unknown, at most
 _REMEMBERED_NS = 180 * NS_PER_S
@@ -149,7 +148,6 @@ class Navigator:
         self._best_m, self._best_ns, self._recovered_m = math.inf, self._now_ns, math.inf
         self._missing_ns: int | None = None
         self._level_ns = self._now_ns
-        self._tilt: tuple[int, float] | None = None     # of the last pose: stamp, tilt [deg]
 
     def update(self, stamp_ns: int, pose_ns: int | None, position_m: ArrayLike,
                orientation_wxyz: ArrayLike, grid: Traversability | None) -> NavigatorCommand:
@@ -190,18 +188,12 @@ class Navigator:
         reached = self._reach(position)
         if reached is not None:
             return reached
-        rears = self._rears(pose_ns, tilt)
         if self._back is not None:
-            command = self._go_back(position, heading)
-            if rears and rotation[2, 0] < 0.0 and command.status == BACKING:
-                return _still(BACKING, f'stands: tilted by {tilt:.0f} deg, the rear up')
-            return command
+            return self._go_back(position, heading)
         if tilt <= self._config.tilt_limit_deg:
             self._level_ns = self._now_ns
         elif self._now_ns - self._level_ns >= self._config.tilt_time_s * 1e9:
             return self._recover(TILT, f'tilted by {tilt:.0f} deg', position)
-        if rears:
-            return _still(FOLLOWING, f'stands: tilted by {tilt:.0f} deg')
         if self._is_stuck():
             return self._recover(STUCK, f'moved less than {self._config.stuck_distance_m:g} m in '
                                  f'{self._config.stuck_time_s:g} s', position)
@@ -297,19 +289,6 @@ class Navigator:
         self.notes.append(f'gives up: {self._final.reason}')
         self.plan = None
         return self._final
-
-    # Tilt
-
-    def _rears(self, pose_ns: int | None, tilt: float) -> bool:
-        """Return whether the body is, or soon will be, tilted beyond the limit.
-
-        Legs that push on against a rock rear it, which on the Moon takes half a second.
-        """
-        assert pose_ns is not None
-        before_ns, before = self._tilt or (pose_ns, tilt)
-        self._tilt = pose_ns, tilt
-        rate = (tilt - before) / (pose_ns - before_ns) * 1e9 if pose_ns > before_ns else 0.0
-        return tilt + max(rate, 0.0) * _FORESIGHT_S > self._config.tilt_limit_deg
 
     # Backing off
 

