@@ -271,7 +271,7 @@ def test_the_page_in_a_browser(served: tuple[Served, LiveView], tmp_path: Path) 
         page.mouse('mouseReleased', left + 0.5 * size, top + 0.05 * size)
         wait_until(lambda: not any(struct.unpack('<6d', one.driven[-1][1][4:])))    # it stops
         one.facts['drivers'] = ['drive_node']
-        sends_until("element('drive').textContent.startsWith('drive_node drives')")
+        sends_until("element('drive').textContent.startsWith('drive_node publishes')")
         count = len(one.driven)
         page.mouse('mousePressed', left + 0.5 * size, top + 0.05 * size)
         time.sleep(0.5)
