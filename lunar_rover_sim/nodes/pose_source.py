@@ -88,8 +88,7 @@ class PoseSource:
     def at(self, stamp: int) -> Array | None:
         """Return T_world_base (4, 4) at a stamp [ns], or None."""
         if self._kind == TRUTH:
-            raw = next((raw for ns, raw in self._truth if ns == stamp), None)
-            return None if raw is None else _pose_of(raw)
+            return self._true(stamp)
         return next((T for ns, T in self._poses if ns == stamp), None)
 
     def newest(self, up_to_ns: int) -> tuple[int, Array] | None:
@@ -210,9 +209,13 @@ class PoseSource:
         """
         if has_begun:
             return False, None
-        raw = next((raw for ns, raw in self._truth if ns == stamp), None)
+        start = self._true(stamp)
         is_past = bool(self._truth) and self._truth[-1][0] > stamp
-        return raw is None and not is_past, None if raw is None else _pose_of(raw)
+        return start is None and not is_past, start
+
+    def _true(self, stamp: int) -> Array | None:
+        raw = next((raw for ns, raw in self._truth if ns == stamp), None)
+        return None if raw is None else _pose_of(raw)
 
     def _answered(self, stamp: int) -> None:
         if stamp > self.answered_ns:

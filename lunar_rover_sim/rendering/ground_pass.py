@@ -309,7 +309,6 @@ class GroundPass:
         program = self._programs[kind]
         if not kind.surface:
             self._surface.bind(program)
-            set_uniform(program, u_relief_reach=0.0)
         if self._relief is not None:
             self._relief.bind(program)
         ground_depth.use(texture_units.GROUND_DEPTH)

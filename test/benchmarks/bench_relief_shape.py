@@ -24,7 +24,7 @@ from pathlib import Path
 import sys
 import time
 
-import cv2
+from bench_sampling import klt_errors, WILD_PX
 import numpy as np
 from scipy import stats
 
@@ -39,9 +39,6 @@ from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
 DURATION_S, STATE_HZ, FRAME_HZ, JUDGED = 5.0, 200, 20, 10
 NEAR_M = 2.0            # up to here all of the relief has shape
 REFERENCE = f'{sys.executable} -m lunar_rover_sim.slam.client'
-_LK = {'winSize': (15, 15), 'maxLevel': 3,
-       'criteria': (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)}
-_LOST_PX = 3.0
 MEASURES = {
     'bad_1': 'SGM to 2 m: bad-1 [%]', 'density': 'SGM to 2 m: density on lit ground [%]',
     'median_px': 'SGM to 2 m: median signed error [px]', 'all_bad_1': 'SGM: bad-1 [%]',
@@ -71,7 +68,8 @@ class Picture:
         if before is not None:
             truth = self.renderer.render(state, 0, ('depth', 'optical_flow'), before)
             self._match(frame, truth.depth_m)
-            self._track(frame.left, self.pairs[-2][1][0], truth)
+            error_px, depth_m = klt_errors(truth, frame.left, self.pairs[-2][1][0])
+            self.points_px.append(error_px[depth_m < NEAR_M])
 
     def _match(self, frame, depth_m):
         found, rig = self.matcher.match(frame.left, frame.right), self.renderer.rig
@@ -80,20 +78,11 @@ class Picture:
             self.errors[name] += stereo_errors(found, disparity_from_depth(
                 there, rig.focal_px, rig.baseline_m), None, frame.left)
 
-    def _track(self, now, before, truth):
-        corners = cv2.goodFeaturesToTrack(now, 2000, 0.005, 5)[:, 0]
-        there, found, _ = cv2.calcOpticalFlowPyrLK(now, before, corners[:, None], None, **_LK)
-        column, row = np.rint(corners).astype(int).T
-        flow = truth.optical_flow[row, column]
-        near = (found[:, 0] == 1) & (truth.depth_m[row, column] < NEAR_M)
-        near &= np.isfinite(flow).all(axis=1)
-        self.points_px.append(np.linalg.norm(there[:, 0] - corners - flow, axis=1)[near])
-
     def measures(self):
         """Return what is known without odometry, by name."""
         points = np.concatenate(self.points_px)
-        result = {'klt_px': np.median(points[points < _LOST_PX]),
-                  'klt_lost': 100.0 * np.mean(points >= _LOST_PX),
+        result = {'klt_px': np.median(points[points < WILD_PX]),
+                  'klt_lost': 100.0 * np.mean(points >= WILD_PX),
                   'cpu_ms': 1e3 * np.median(self.cpu_s)}
         for name, errors in self.errors.items():
             found = errors.summary()

@@ -38,24 +38,35 @@ BANDS_M = (1.0, 2.0), (1.5, 4.0), (2.0, 4.0), (8.0, 20.0)
 _PLACES_M = (1.5, -1.0), (-2.0, 2.5)
 _LK = {'winSize': (15, 15), 'maxLevel': 3,
        'criteria': (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)}
-_WILD_PX = 3.0          # beyond it a point is lost, not displaced
+WILD_PX = 3.0          # beyond it a point is lost, not displaced
 _HEAD = ('seed', 'place', 'direction', 'samples', 'near_m', 'far_m', 'points', 'median_px',
          'p90_px', 'lost')
 
 
-def measure(truth: StereoFrame, now: np.ndarray, before: np.ndarray) -> list[tuple[object, ...]]:
-    """Return the columns from `near_m` on of one view, a row for each band."""
+def klt_errors(truth: StereoFrame, now: np.ndarray,
+               before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Track corners of an image into the one before it.
+
+    Returns:
+        Errors against the true flow [px], and depths [m], of those that are found and have a flow.
+    """
     assert truth.optical_flow is not None and truth.depth_m is not None
     corners = cv2.goodFeaturesToTrack(now, 2000, 0.005, 5)[:, 0]
     there, found, _ = cv2.calcOpticalFlowPyrLK(now, before, corners[:, None], None, **_LK)
     column, row = np.rint(corners).astype(int).T
-    flow, depth = truth.optical_flow[row, column], truth.depth_m[row, column]
-    error = np.linalg.norm(there[:, 0] - corners - flow, axis=1)
+    flow = truth.optical_flow[row, column]
     usable = (found[:, 0] == 1) & np.isfinite(flow).all(axis=1)
+    error = np.linalg.norm(there[:, 0] - corners - flow, axis=1)
+    return error[usable], truth.depth_m[row, column][usable]
+
+
+def measure(truth: StereoFrame, now: np.ndarray, before: np.ndarray) -> list[tuple[object, ...]]:
+    """Return the columns from `near_m` on of one view, a row for each band."""
+    error, depth = klt_errors(truth, now, before)
     rows: list[tuple[object, ...]] = []
     for near, far in BANDS_M:
-        chosen = error[usable & (depth > near) & (depth < far)]
-        kept = chosen[chosen < _WILD_PX]
+        chosen = error[(depth > near) & (depth < far)]
+        kept = chosen[chosen < WILD_PX]
         if len(kept):
             rows.append((near, far, len(kept), round(float(np.median(kept)), 4),
                          round(float(np.percentile(kept, 90)), 4), len(chosen) - len(kept)))
