@@ -22,7 +22,7 @@ from lunar_rover_sim.campaign.manifest import (file_table, MANIFEST, read_json, 
 from lunar_rover_sim.campaign.statistics import MEANINGS, statistics
 from lunar_rover_sim.campaign.verification import verify
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.errors import CampaignError, ConfigError
+from lunar_rover_sim.errors import CampaignError
 
 CAMPAIGN = parse_campaign('episodes: 3\nsettings: {run.duration_s: 1.0}',
                           Path('/nowhere/test.yaml'))
@@ -254,11 +254,3 @@ def test_verify_compares_with_the_plan(change: Callable[[Path], object], found: 
     said = capsys.readouterr().out
     assert all(f'{name}: ' in said for name in found)
     assert found or '2 of 3 episodes are as they were made, 1 failed' in said
-
-
-def test_a_campaign_places_its_bags_itself() -> None:
-    """A place for the bag in the settings is refused, not ignored."""
-    campaign = parse_campaign('episodes: 1\nsettings: {recorder_node.output: /tmp/mine}',
-                              Path('/nowhere/test.yaml'))
-    with pytest.raises(ConfigError, match='recorder_node.output: .* is not valid in a run'):
-        list(plan(campaign))

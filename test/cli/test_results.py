@@ -17,7 +17,7 @@ from lunar_rover_sim.evaluation.trajectory_sources import trajectory_of_topic
 @pytest.fixture(scope='module', name='bag')
 def _bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp('results') / 'bag'
-    synthetic_bag.write(path, synthetic_bag.drive(2.0))
+    synthetic_bag.write(path, synthetic_bag.drive(1.0))
     return path
 
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -30,6 +31,7 @@ from lunar_rover_sim.bag.messages import header_ns  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.files.paths import config_folder  # noqa: E402
+from lunar_rover_sim.nodes import lockstep_listener  # noqa: E402
 from lunar_rover_sim.nodes.gait_controller_node import GaitControllerNode  # noqa: E402
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery  # noqa: E402
 from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
@@ -214,9 +216,15 @@ SILENCE_S = 0.4
 
 
 class Gait:
-    """A gait controller that waits for cmd_vel in lockstep, in simulated time 50 ms."""
+    """A gait controller that waits for cmd_vel in lockstep, in simulated time 50 ms.
 
-    def __init__(self) -> None:
+    Its wall clock stands still unless a test moves it.
+    """
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.wall_s = 100.0
+        monkeypatch.setattr(lockstep_listener, 'time',
+                            SimpleNamespace(monotonic=lambda: self.wall_s))
         self.node = GaitControllerNode()
         self._callbacks = {subscription.topic_name: subscription.callback
                            for subscription in self.node.subscriptions}
@@ -231,21 +239,24 @@ class Gait:
         state.header.stamp.nanosec = STATE_NS
         self._callbacks['/joint_states'](state)
 
-    def failure(self) -> str:
-        """Let the node watch for longer than somebody may be silent; return its error."""
-        time.sleep(SILENCE_S + 0.1)
+    def watch(self) -> None:
+        """Let the node watch."""
         for timer in self.node.timers:
             timer.callback()
+
+    def failure(self) -> str:
+        """Let the node watch for longer than somebody may be silent; return its error."""
+        self.wall_s += SILENCE_S + 0.1
+        self.watch()
         return str(self.node.failure or '')
 
 
 @contextmanager
-def gait_controller() -> Iterator[Gait]:
+def gait_controller(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> Iterator[Gait]:
     """Give the node in this process."""
     rclpy.init(args=['--ros-args', '-p', 'time_mode:=lockstep', '-p', 'wait.topics:=[cmd_vel]',
-                     '-p', 'wait.lags_s:=[0.05]', '-p', f'wait.silence_s:={SILENCE_S}', '-p',
-                     f'wait.start_s:={SILENCE_S}'])
-    gait = Gait()
+                     '-p', 'wait.lags_s:=[0.05]', *arguments])
+    gait = Gait(monkeypatch)
     try:
         yield gait
     finally:
@@ -254,9 +265,10 @@ def gait_controller() -> Iterator[Gait]:
 
 
 @pytest.fixture()
-def gait(domain: int) -> Iterator[Any]:
+def gait(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """Give a gait controller in a domain of its own."""
-    with gait_controller() as controller:
+    with gait_controller(monkeypatch, '-p', f'wait.silence_s:={SILENCE_S}', '-p',
+                         f'wait.start_s:={SILENCE_S}') as controller:
         yield controller
 
 
@@ -289,24 +301,17 @@ def test_of_several_early_answers_each_is_judged(gait: Gait) -> None:
 
 
 def test_a_long_wait_is_told_before_it_is_an_error(
-        domain: int, capfd: pytest.CaptureFixture[str]) -> None:
+        domain: int, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     """Who waits says so: a warning once, later waits in the log."""
-    rclpy.init(args=['--ros-args', '-p', 'time_mode:=lockstep', '-p', 'wait.topics:=[cmd_vel]',
-                     '-p', 'wait.lags_s:=[0.05]'])
-    gait = Gait()
-    try:
+    with gait_controller(monkeypatch) as gait:
         gait.velocity(Time(sec=WALL_TIME))
         gait.state()
         for _ in range(2):
-            time.sleep(4.1)
+            gait.wall_s += 4.1
             for _ in range(2):
-                for timer in gait.node.timers:
-                    timer.callback()
+                gait.watch()
             assert gait.node.failure is None
             gait.velocity(Time(nanosec=1))
-    finally:
-        gait.node.destroy_node()
-        rclpy.try_shutdown()
     lines = [line for line in capfd.readouterr().err.splitlines() if 'no answer for 4 s' in line]
     assert [line.split(']')[0] for line in lines] == ['[WARN', '[INFO']
     assert all('on cmd_vel (from' in line and line.endswith('waits for up to 60 s')
@@ -315,9 +320,8 @@ def test_a_long_wait_is_told_before_it_is_an_error(
 
 def test_time_without_a_state_is_no_silence(gait: Gait) -> None:
     """Physics that is started late, or was paused, leaves the others their full time."""
-    time.sleep(SILENCE_S + 0.1)
+    gait.wall_s += SILENCE_S + 0.1
     gait.state()
-    for timer in gait.node.timers:
-        timer.callback()
+    gait.watch()
     assert gait.node.failure is None
     assert gait.failure().startswith(f'no answer for {SILENCE_S:g} s')

@@ -16,6 +16,7 @@ from view_client import client, free_port  # noqa: E402  (needs the extra)
 
 from lunar_rover_sim import topics  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
+from lunar_rover_sim.cli.main import main  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
@@ -88,14 +89,14 @@ def test_a_run_goes_on_without_its_view(world_folder: Path, tmp_path: Path) -> N
     assert said.count('view_node: ended with SIGKILL; the run goes on without the live view') == 1
 
 
-def test_a_port_that_is_taken_is_one_line(world_folder: Path, tmp_path: Path) -> None:
+def test_a_port_that_is_taken_is_one_line(tmp_path: Path,
+                                          capsys: pytest.CaptureFixture[str]) -> None:
     """It is told before anything starts, and no folder is made."""
     with socket.socket() as taken:
         taken.bind(('127.0.0.1', 0))
         taken.listen()
         port = taken.getsockname()[1]
-        run = start(tmp_path / 'run', port)
-        _, errors = run.communicate(timeout=LIMIT_S)
-    assert run.returncode == 1
-    assert errors == f'lunar_rover_sim: --view: {port} cannot be served: Address already in use\n'
+        assert main(['run', 'baseline', '-o', str(tmp_path / 'run'), '--view', str(port)]) == 1
+    assert capsys.readouterr().err == (
+        f'lunar_rover_sim: --view: {port} cannot be served: Address already in use\n')
     assert not list(tmp_path.iterdir())

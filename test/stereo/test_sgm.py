@@ -29,25 +29,27 @@ def textured_pair(disparity_px, height=240, width=400, sky=60, seed=0):
 
 
 def plane(mode, **settings):
-    """Return the signed errors [px] on ground that comes nearer from row to row."""
+    """Return the signed errors [px] on ground that comes nearer row by row; NaN: none."""
     truth = np.maximum(np.arange(240) - 60, 0) * 0.25 + 3.0
     left, right = textured_pair(truth)
     disparity = SgmMatcher(SgmConfig(mode=mode, num_disparities=64, **settings)).match(left, right)
     inside = np.zeros(left.shape, bool)
     inside[70:-8, 80:-10] = True
-    return (disparity.disparity_px - truth[:, None])[disparity.valid & inside]
+    return np.where(disparity.valid, disparity.disparity_px - truth[:, None], np.nan)[inside]
 
 
 @pytest.mark.parametrize('mode', ['sgbm', 'hh', 'hh4', '3way'])
 def test_no_mode_is_biased(mode):
     error_px = plane(mode)
-    assert abs(np.median(error_px)) < 0.03
-    assert np.median(np.abs(error_px)) < 0.06
+    assert np.mean(np.isfinite(error_px)) > 0.95
+    assert abs(np.nanmedian(error_px)) < 0.03
+    assert np.nanmedian(np.abs(error_px)) < 0.06
+    assert np.mean(np.abs(error_px) > 1.0) < 0.01
 
 
 @pytest.mark.parametrize('mode', ['sgbm', '3way'])
 def test_without_refinement_modes_that_look_down_more_than_up_are(mode):
-    assert np.median(plane(mode, refinement=False)) < -0.05
+    assert np.nanmedian(plane(mode, refinement=False)) < -0.05
 
 
 def test_refinement_finds_a_shift_of_a_fraction_whatever_the_noise():
@@ -126,20 +128,6 @@ def test_what_has_no_match_is_invalid_in_the_left_margin_too(least):
     assert np.all(disparity.disparity_px[disparity.valid] >= least)
 
 
-@pytest.mark.parametrize('mode', ['sgbm', 'hh', 'hh4', '3way'])
-def test_slanted_plane(mode):
-    truth = np.maximum(np.arange(240) - 60, 0) * 0.25 + 3.0
-    left, right = textured_pair(truth)
-    disparity = SgmMatcher(SgmConfig(mode=mode, num_disparities=64)).match(left, right)
-    inside = np.zeros(left.shape, bool)
-    inside[70:-8, 80:-10] = True
-    valid = disparity.valid & inside
-    assert valid.sum() > 0.95 * inside.sum()
-    error = np.abs(disparity.disparity_px - truth[:, None])[valid]
-    assert np.median(error) < 0.25          # sub-pixel, with the usual locking to whole pixels
-    assert np.mean(error > 1.0) < 0.01
-
-
 def test_sky_is_not_matched():
     truth = np.full(240, 10.0)
     left, right = textured_pair(truth)
@@ -161,26 +149,6 @@ def test_leaving_the_sky_out_changes_nothing_below():
     assert np.mean(a.valid[below] != b.valid[below]) < 0.02
     difference = np.abs(a.disparity_px - b.disparity_px)[below][both]
     assert np.mean(difference > 0.5) < 0.005
-
-
-def test_description_of_the_map():
-    left, right = textured_pair(np.full(240, 10.0))
-    disparity = SgmMatcher(SgmConfig(num_disparities=64, block_size=7)).match(left, right)
-    assert disparity.min_disparity_px == 0.0 and disparity.max_disparity_px == 63.0
-    assert disparity.delta_d_px == 1.0 / 16.0
-    x, y, width, height = disparity.valid_window
-    assert x == 3 and x + width <= 400 and y + height <= 240 and width > 0 and height > 0
-
-
-def test_sixteen_bits_and_colour():
-    truth = np.full(240, 12.0)
-    left, right = textured_pair(truth)
-    matcher = SgmMatcher(SgmConfig(num_disparities=64))
-    gray = matcher.match(left, right).disparity_px
-    wide = matcher.match(left.astype(np.uint16) << 8, right.astype(np.uint16) << 8).disparity_px
-    colour = matcher.match(*(np.repeat(i[..., None], 3, axis=2) for i in (left, right)))
-    assert np.array_equal(gray, wide)
-    assert np.array_equal(gray, colour.disparity_px)
 
 
 def test_depth_and_disparity_are_inverse():
@@ -336,7 +304,7 @@ def test_the_window_holds_every_pixel_that_can_be_matched():
     disparity = shifted.match(left, right)
     assert disparity.valid_window == (7, 3, 320 - 7 - 3, 160 - 6)
     assert (disparity.min_disparity_px, disparity.max_disparity_px) == (4.0, 67.0)
-    assert disparity.disparity_px.min() == 3.0
+    assert disparity.disparity_px.min() == 3.0 and disparity.delta_d_px == 1.0 / 16.0
     inside = np.s_[3:160 - 3, 7:320 - 3]
     error = np.abs(disparity.disparity_px - 12.0)[inside][disparity.valid[inside]]
     assert error.max() < 0.75 and np.mean(error > 0.25) < 2e-3
