@@ -59,7 +59,7 @@ WITHOUT = {
 def _inputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp('json')
     inputs = {name: folder / name for name in ('bag', 'dataset', 'estimate', 'maps', 'world')}
-    synthetic_bag.write(inputs['bag'], synthetic_bag.drive(2.0))
+    synthetic_bag.write(inputs['bag'], synthetic_bag.drive(1.0))
     with open_bag(inputs['bag']) as bag:
         write_tum(inputs['estimate'], trajectory_of_topic(bag))
     campaign = parse_campaign('episodes: 3\nname: moon', folder / 'x.yaml')

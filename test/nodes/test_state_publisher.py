@@ -74,14 +74,24 @@ class FakeTFMessage:
         self.transforms = transforms
 
 
-def test_transforms(state: RoverState, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where tf2_msgs is installed, odom → base_link → legs move and the sensors are static."""
+@pytest.fixture(autouse=True)
+def _tf(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(state_publisher, 'TFMessage', FakeTFMessage)
+
+
+def published(state: RoverState, **parameters: bool) -> FakeNode:
+    """Return a node after a physics_node with these parameters has published a state."""
     node = FakeNode()
     noise = ImuNoise(ImuConfig(), 200, np.random.default_rng(1))
-    publisher = state_publisher.StatePublisher(node, RoverDescription(), noise,  # type: ignore
-                                               PhysicsNodeConfig())
-    publisher.publish(state, state.stamp_ns)
+    state_publisher.StatePublisher(
+        node, RoverDescription(), noise,  # type: ignore[arg-type]
+        PhysicsNodeConfig(**parameters)).publish(state, 5_000_000)  # type: ignore[arg-type]
+    return node
+
+
+def test_transforms(state: RoverState) -> None:
+    """Where tf2_msgs is installed, odom → base_link → legs move and the sensors are static."""
+    node = published(state)
     moving = {t.child_frame_id: t for t in node.sent['tf'][0].transforms}
     legs = {f'{leg}_link' for leg in Legs().names}
     assert set(moving) == {'base_link', 'base_footprint', *legs}
@@ -91,15 +101,10 @@ def test_transforms(state: RoverState, monkeypatch: pytest.MonkeyPatch) -> None:
         assert len(node.sent[name]) == 1
 
 
-def test_tf_is_the_tree_of_the_urdf(state: RoverState, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tf_is_the_tree_of_the_urdf(state: RoverState) -> None:
     """The same parents and poses: with robot_state_publisher no frame has two parents."""
-    monkeypatch.setattr(state_publisher, 'TFMessage', FakeTFMessage)
     rover = RoverDescription()
-    upright = dataclasses.replace(state, joint_angle_rad=np.zeros(4))
-    node = FakeNode()
-    publisher = state_publisher.StatePublisher(  # type: ignore
-        node, rover, ImuNoise(ImuConfig(), 200, np.random.default_rng(1)), PhysicsNodeConfig())
-    publisher.publish(upright, 5_000_000)
+    node = published(dataclasses.replace(state, joint_angle_rad=np.zeros(4)))
     sent = {t.child_frame_id: t for name in ('tf', 'tf_static')
             for t in node.sent[name][0].transforms}
     for joint in ElementTree.fromstring(urdf(rover).encode()).findall('joint'):
@@ -130,15 +135,11 @@ def test_tf_is_the_tree_of_the_urdf(state: RoverState, monkeypatch: pytest.Monke
      ('ground_truth/odom', 'ground_truth/odom', 'ground_truth/base_link')),
     ({'separate_truth': True, 'publish_tf': False}, set(),
      ('ground_truth/odom', 'ground_truth/odom', 'ground_truth/base_link'))])
-def test_an_estimator_may_own_odom(state: RoverState, monkeypatch: pytest.MonkeyPatch,
-                                   parameters: dict[str, bool], frames_sent: set[str],
+def test_an_estimator_may_own_odom(state: RoverState, parameters: dict[str, bool],
+                                   frames_sent: set[str],
                                    odometry: tuple[str, str, str]) -> None:
     """Then nobody else publishes odom → base_link, and the truth may have frames of its own."""
-    monkeypatch.setattr(state_publisher, 'TFMessage', FakeTFMessage)
-    node = FakeNode()
-    state_publisher.StatePublisher(  # type: ignore
-        node, RoverDescription(), ImuNoise(ImuConfig(), 200, np.random.default_rng(1)),
-        PhysicsNodeConfig(**parameters)).publish(state, 5_000_000)    # type: ignore[arg-type]
+    node = published(state, **parameters)
     moving = {t.child_frame_id for t in node.sent['tf'][0].transforms}
     assert moving == {f'{leg}_link' for leg in Legs().names} | frames_sent
     assert {'odom', 'ground_truth/odom'} & set(node.sent) == {odometry[0]}
@@ -148,16 +149,12 @@ def test_an_estimator_may_own_odom(state: RoverState, monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize('parameters', [
     {}, {'publish_tf': False}, {'separate_truth': True}])
-def test_the_recorder_makes_the_same_transforms(state: RoverState, parameters: dict[str, bool],
-                                                monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_recorder_makes_the_same_transforms(state: RoverState,
+                                                parameters: dict[str, bool]) -> None:
     """Of odometry and joint states, in any order, where nobody can publish them."""
-    monkeypatch.setattr(state_publisher, 'TFMessage', FakeTFMessage)
-    node = FakeNode()
+    node = published(state, **parameters)
     nodes = RecordedNodes(RoverDescription(), PhysicsNodeConfig(**parameters),  # type: ignore
                           RenderNodeConfig(), MappingNodeConfig())
-    noise = ImuNoise(ImuConfig(), 200, np.random.default_rng(1))
-    state_publisher.StatePublisher(node, nodes.rover, noise,  # type: ignore[arg-type]
-                                   nodes.physics).publish(state, state.stamp_ns)
     store = get_typestore(Stores.ROS2_JAZZY)
     for turned in (False, True):
         made = RunTransforms(nodes, lambda name: f'/rover_1/{name}')
@@ -180,20 +177,13 @@ def _frames_of(stamped: Any) -> tuple[int, str, str]:
 
 def test_one_of_several_rovers_is_without_a_clock(state: RoverState) -> None:
     """Two publishers of /clock would make time jump."""
-    node = FakeNode()
-    state_publisher.StatePublisher(  # type: ignore
-        node, RoverDescription(), ImuNoise(ImuConfig(), 200, np.random.default_rng(1)),
-        PhysicsNodeConfig(publish_clock=False)).publish(state, 5_000_000)
+    node = published(state, publish_clock=False)
     assert '/clock' not in node.sent and len(node.sent['odom']) == 1
 
 
 def test_the_order_of_a_state(state: RoverState) -> None:
     """What time waits for comes first; who has the clock has the rest of its time."""
-    node = FakeNode()
-    state_publisher.StatePublisher(  # type: ignore
-        node, RoverDescription(), ImuNoise(ImuConfig(), 200, np.random.default_rng(1)),
-        PhysicsNodeConfig()).publish(state, 5_000_000)
-    order = [topic for topic in node.order if not topic.startswith('tf')]
+    order = [topic for topic in published(state).order if not topic.startswith('tf')]
     assert order[:2] == ['joint_states', 'odom'] and order[-1] == '/clock'
     assert len(order) == len(set(order)) == 10
 

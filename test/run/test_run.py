@@ -112,10 +112,10 @@ def test_a_killed_run_takes_its_nodes_along(tmp_path: Path) -> None:
 def test_a_second_signal_leaves_nothing_behind(tmp_path: Path) -> None:
     """A run that gets a second signal while it stops its nodes ends with all of them."""
     folder = tmp_path / 'run'
-    run = start(folder)
+    run = start(folder, *BLIND)
     wait_for_recording(folder)
     first, *nodes = (process_of(folder, name) for name in (
-        'drive_node', 'render_node', 'recorder_node'))
+        'drive_node', 'physics_node', 'recorder_node'))
     run.terminate()
     wait_until_gone(first)
     run.terminate()
@@ -127,9 +127,7 @@ def test_a_second_signal_leaves_nothing_behind(tmp_path: Path) -> None:
 
 
 def wait_until_gone(process: int) -> None:
-    """Return when there is no such process any more.
-
-    """
+    """Return when there is no such process any more."""
     wait_until(lambda: not psutil.pid_exists(process), f'{process} is left')
 
 
@@ -175,7 +173,7 @@ def test_divergence_in_the_drive_ends_the_run(tmp_path: Path) -> None:
     motors = ('rover.motor.velocity_gain_nms=10.0', 'rover.motor.current_limit_a=1.0e6',
               'rover.motor.stall_torque_nm=1000.0', 'physics_node.integrator=euler',
               'drive_node.start_delay_s=1.0')
-    run = start(folder, *(word for setting in motors for word in ('--set', setting)))
+    run = start(folder, *BLIND, *(word for setting in motors for word in ('--set', setting)))
     _, stderr = run.communicate(timeout=LIMIT_S)
     assert run.returncode == 1
     assert len(without_progress(stderr)) == 1
@@ -187,7 +185,6 @@ def test_divergence_in_the_drive_ends_the_run(tmp_path: Path) -> None:
     assert complete.detail.startswith('the run failed: physics_node ended with status 1: the sim')
     with open_bag(folder / 'bag') as bag:
         assert bag.counts['/odom'] > 180
-        assert bag.counts['/stereo/left/image_raw'] > 8
 
 
 def test_interrupt_finishes_the_bag(tmp_path: Path) -> None:
@@ -200,7 +197,7 @@ def test_interrupt_finishes_the_bag(tmp_path: Path) -> None:
     assert run.returncode == 130, stderr
     with open_bag(folder / 'bag') as bag:
         assert str(bag.incomplete).startswith('the recording ended at ')
-        assert bag.counts['/odom'] > 0
+        assert bag.counts['/odom'] > 0 and bag.counts['/stereo/left/image_raw'] > 0
     assert f'hash {bag_hash(folder / "bag")}' in stdout
 
 

@@ -152,6 +152,12 @@ def test_who_has_not_started_is_named(tmp_path: Path, monkeypatch: pytest.Monkey
         nodes.kill()
 
 
+def finish(nodes: NodeProcesses) -> None:
+    """Return when physics has finished; raise where a node has failed."""
+    while not nodes.has_finished():
+        time.sleep(0.02)
+
+
 def test_when_physics_has_finished_the_recorder_finishes_its_work(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every other node is told to stop, the recorder after all of them."""
@@ -164,8 +170,7 @@ def test_when_physics_has_finished_the_recorder_finishes_its_work(
         'physics_node': 'pass', 'render_node': stop.format(pause=0.5, file=str(drawn)),
         'recorder_node': stop.format(pause=0.0, file=str(written))})
     with nodes:
-        while not nodes.has_finished():
-            time.sleep(0.02)
+        finish(nodes)
     assert drawn.stat().st_mtime_ns < written.stat().st_mtime_ns
 
 
@@ -180,14 +185,11 @@ def test_who_may_fail_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_what_a_killed_node_logged_of_its_work_is_no_reason(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    script = ('print("[INFO] [1.5] [lidar_node]: ready: seed 1", flush=True)\n'
-              'import os\nos.kill(os.getpid(), 9)')
-    monkeypatch.setattr(node_processes, 'dies_with_parent',
-                        lambda _: [sys.executable, '-c', script])
-    nodes = NodeProcesses([NodePlan('lidar_node', {})], tmp_path, 77)
+    nodes = start_all(tmp_path, monkeypatch, {
+        'lidar_node': 'print("[INFO] [1.5] [lidar_node]: ready: seed 1", flush=True)\n'
+                      'import os\nos.kill(os.getpid(), 9)'})
     with pytest.raises(GraphError, match='^lidar_node ended with SIGKILL: it gave no reason .log'):
-        while not nodes.has_finished():
-            time.sleep(0.02)
+        finish(nodes)
     nodes.kill()
 
 
@@ -196,20 +198,16 @@ def test_what_a_killed_node_logged_of_its_work_is_no_reason(
 def test_who_cannot_leave_the_graph_has_done_its_work(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, done: bool) -> None:
     """SIGALRM ends such a node; an error that it had before stays one."""
-    script = (f'from lunar_rover_sim.run.node_state import fail\n{words}\n'
-              'import os\nos.kill(os.getpid(), 14)')
-    monkeypatch.setattr(node_processes, 'dies_with_parent',
-                        lambda _: [sys.executable, '-c', script])
-    nodes = NodeProcesses([NodePlan('physics_node', {})], tmp_path, 77)
+    nodes = start_all(tmp_path, monkeypatch, {
+        'physics_node': f'from lunar_rover_sim.run.node_state import fail\n{words}\n'
+                        'import os\nos.kill(os.getpid(), 14)'})
     try:
         if done:
-            while not nodes.has_finished():
-                time.sleep(0.02)
+            finish(nodes)
             nodes.stop()
         else:
             with pytest.raises(GraphError, match='physics_node ended with SIGALRM: the disk is'):
-                while not nodes.has_finished():
-                    time.sleep(0.02)
+                finish(nodes)
     finally:
         nodes.kill()
 

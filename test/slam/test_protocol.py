@@ -10,7 +10,8 @@ import sys
 import numpy as np
 import psutil
 import pytest
-from waiting import LIMIT_S, wait_until
+from slam.fed_frames import feed, LEFT, wait
+from waiting import LIMIT_S
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.errors import SlamError
@@ -22,7 +23,6 @@ from lunar_rover_sim.slam.client import answer
 from lunar_rover_sim.slam.program import SlamProgram
 from lunar_rover_sim.slam.protocol import FrameSet, TrackedPose
 
-LEFT = np.arange(12, dtype=np.uint8).reshape(3, 4)
 IMU = [(5, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)), (7_500_000_000, (0.0,) * 3, (0.0, 0.0, 1.62))]
 STUB = Path(__file__).parent / 'orb_slam3_stub'
 ADAPTER = Path(__file__).parents[2] / 'resource' / 'orb_slam3' / 'adapter.cc'
@@ -125,26 +125,6 @@ def test_a_frame_without_a_pose_is_initialising_or_lost() -> None:
     assert answer(1, None, True).state == protocol.LOST
     turned = np.diag([-1.0, -1.0, 1.0, 1.0])
     assert np.abs(answer(1, turned, True).wxyz) == pytest.approx([0.0, 0.0, 0.0, 1.0])
-
-
-def wait(program: SlamProgram, condition) -> None:
-    """Return when the condition holds; raise what the program has done wrong."""
-    wait_until(condition, meanwhile=program.check, pause_s=0.005)
-
-
-def feed(program: SlamProgram, stamps: range, images=(LEFT, LEFT), imu=False) -> list[TrackedPose]:
-    """Send frames one after the other; return the answers."""
-    answers = []
-    for stamp in stamps:
-        wait(program, lambda: not program.is_busy)
-        if imu:
-            program.send_imu([(stamp - 1, (0.1,) * 3, (1.0,) * 3)])
-        program.send(FrameSet(stamp, images))
-        wait(program, lambda: not program.is_busy)
-        taken = program.take()
-        assert taken is not None and taken[1] >= 0.0
-        answers.append(taken[0])
-    return answers
 
 
 @pytest.mark.parametrize(('fault', 'said'), [

@@ -15,7 +15,7 @@ from world.elevation_models import config, hills, MOON, refused, write_tiff
 import worlds
 
 from lunar_rover_sim.errors import ConfigError, WorldError
-from lunar_rover_sim.world.build import build_world, drop_m
+from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.dem import open_dem
 
@@ -78,16 +78,6 @@ def test_axes_point_where_the_file_says(tmp_path):
     world = build_world(config(path, **worlds.BARE), 0)
     z = world.height_at(np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 5.0], [-5.0, -5.0]]))
     assert np.allclose(z, [0.0, 0.5, 0.25, -0.75], atol=2e-3)
-
-
-def test_a_flat_model_stays_flat(tmp_path):
-    path = write_tiff(tmp_path / 'flat.tif', np.full((30, 30), 1234.5, np.float32))
-    world = build_world(config(path, **worlds.BARE), 0)
-    for level in world.levels:
-        x = np.arange(level.n) * level.cell_m - level.half_extent_m
-        bent = level.heights_m + drop_m(x**2 + x[:, None]**2, 0.5**0.5 * world.config.size_m)
-        assert np.abs(bent).max() < 1e-4
-    assert world.report['origin_height_m'] == pytest.approx(1234.5, abs=1e-3)
 
 
 def test_no_step_where_the_file_ends(tmp_path):

@@ -275,6 +275,8 @@ def test_measured_terrain_is_bent_too(tmp_path):
     np.save(tmp_path / 'dem.npy', np.full((300, 300), 250.0, np.float32))
     config = {**worlds.BARE, **WIDE, 'source': 'dem', 'path': str(tmp_path)}
     world = build_world(WorldConfig.from_mapping(config), 0)
+    assert world.report['origin_height_m'] == pytest.approx(250.0, abs=1e-3)
+    assert np.abs(world.ground.heights_m).max() < 1e-4
     for level in world.levels[1:]:
         chord = (8.0 * level.cell_m)**2 / (8.0 * MOON_RADIUS_M)
         assert np.abs(level.heights_m + fallen(level)).max() < 1e-4 + chord
