@@ -79,8 +79,8 @@ class SoftGround:
                                  varies.looseness.heights_m * varies.variation, np.float32),
                        1.0 if varies is None else varies.looseness.cell_m)
         self._moved = (data.mocap_pos, data.mocap_quat, model.pair_friction, model.pair_solref,
-                       self._slipped, data.cfrc_ext[first_leg:first_leg + legs],
-                       data.qfrc_actuator[6:6 + legs])
+                       model.pair_solreffriction, model.pair_solimp, self._slipped,
+                       data.cfrc_ext[first_leg:first_leg + legs], data.qfrc_actuator[6:6 + legs])
         self._addresses = _mj_step(), model._address, data._address
         self._walls = WallSlides(ground, soil.repose_deg, self._step_s, legs)
         self._windows: list[Window | None] = [None] * rows.tips
@@ -203,7 +203,7 @@ def _tip_records(model: mujoco.MjModel, rows: SoilRows, first_leg: int) -> np.nd
     tips['leg'] = model.geom_bodyid[geoms] - first_leg
     tips['offset'] = model.geom_pos[geoms]
     tips['mocap'], tips['pair'] = rows.mocap, rows.pairs
-    tips['held'] = rows.solref[:, 1]
+    tips['held'] = rows.solref
     tips['normal'] = 0.0, 0.0, 1.0
     tips['pressed'] = np.nan
     return tips

@@ -11,8 +11,8 @@ Normal force. Spring and damper in line with a slider (Bingham): the soil carrie
 and where the left one is the smaller, the soil holds: dz/dt = 0. Where it yields, z follows from
 k e + c(e) (d' - dz/dt) = F(z): at the end of each step, by bisection (backward Euler). The force
 begins with 0: at touch-down as F(0) = 0, and where a tip comes back to soil that holds as the
-damper grows with e over the first 0.2 mm (Hunt and Crossley 1975). It passes smoothly from
-yielding to holding.
+damper, and the mass that MuJoCo's contact carries, grow with e over the first 0.2 mm (Hunt and
+Crossley 1975). It passes smoothly from yielding to holding.
 
     F(z) = zeta pi (R z^2 - z^3 / 3) up to z = R,   zeta pi R^2 (z - R / 3) beyond,
 
@@ -59,25 +59,25 @@ NOTHING, PRINT, LEFT, DIVERGED = 0, 1, 2, 3
 
 _PARKED_M = -1e4         # as `physics/soil_contact.py` has it
 _NEAR_M = 0.002          # a tip this low is about to touch down
-_ONSET_M = 0.0002        # elastic depth over which the damper of the soil grows from 0
+_ONSET_M = 0.0002        # elastic depth over which damper and carried mass grow from 0
 _CREEP_MPS = 1e-4        # of the speed of a tip, this is creep of MuJoCo's solver, not slip
 _LIFT_OFF_M = 0.0015     # a tip this far above its plane has left its print
 _GREATEST_FRICTION = 10.0
 _LEAST_MOBILISED = 0.05  # part of the friction of a tip that has not slipped yet
-_LEAST_DAMPING = 0.01    # part of the damping of the contact while the soil yields
 _LEAST_BEARING_ROOT = 0.1   # a slope of 42 deg and more leaves a hundredth of the bearing
 _MOST_LEAN = 2.0         # of the rod [tan]
 _PRINT_DEPTH_M, _PRINT_WAY_M = 0.0005, 0.004    # a print is pressed in after so much motion
 _BISECTIONS = 42         # halve a bracket of 0.1 m to the last digits of a float
 _CELL_M, _TILE = 0.005, 20      # as `regolith/overlay.py` has them
+_IMPEDANCE = 0.25                # as `physics/soil_contact.py` has it
 
 Record = Any    # of a structured array; compiled code reads its fields as attributes
 VECTOR = (np.float64, 3)
 TIP = np.dtype([
     # where it is: leg, and the offset from the axle in the frame of the leg [m]
     ('leg', np.int64), ('offset', *VECTOR),
-    # rows of MuJoCo's arrays; damping of the contact (solref[1]): while the soil holds, and now
-    ('mocap', np.int64), ('pair', np.int64), ('held', np.float64), ('damping', np.float64),
+    # rows of MuJoCo's arrays; solref of the contact while the soil holds; damping now [N s/m]
+    ('mocap', np.int64), ('pair', np.int64), ('held', np.float64, 2), ('damping', np.float64),
     # centre, its velocity, rate of the leg, axle from the centre: world frame [m], [m/s], [rad/s]
     ('centre', *VECTOR), ('velocity', *VECTOR), ('rate', *VECTOR), ('rod', *VECTOR),
     # the surface: position, change against the untouched ground, tilt of the print, unit normal
@@ -146,9 +146,9 @@ def bears_n(depth_m: float, lean: float, soil: Record) -> float:
 
 
 @compiled
-def damper_nspm(elastic_m: float, soil: Record) -> float:
-    """Return the damping of soil that holds, at an elastic depth [N s/m]."""
-    return soil.damping_nspm * min(max(elastic_m / _ONSET_M, 0.0), 1.0)
+def onset(elastic_m: float) -> float:
+    """Return the part of damper and carried mass that an elastic depth has."""
+    return min(max(elastic_m / _ONSET_M, 0.0), 1.0)
 
 
 @compiled
@@ -371,7 +371,7 @@ def yielded(depth: float, plastic: float, elastic: float, way: float, part: floa
     for _ in range(_BISECTIONS):
         e = 0.5 * (low + high)
         z = depth - e
-        force = soil.elastic_npm * e + damper_nspm(e, soil) * (e - elastic) / soil.step_s
+        force = soil.elastic_npm * e + soil.damping_nspm * onset(e) * (e - elastic) / soil.step_s
         bears = part * bears_n(z, lean, soil)
         beyond = force > bears
         if not beyond:
@@ -490,13 +490,13 @@ def support(tip: Record, soil: Record, table: np.ndarray, deepest: float, height
         tip.depth, tip.event = depth, DIVERGED
         return
     bears = part * bears_n(plastic, lean, soil)
-    k, c = soil.elastic_npm, damper_nspm(elastic, soil)
+    k, c = soil.elastic_npm, soil.damping_nspm * onset(elastic)
     force = min(max(k * elastic + c * (elastic - before) / step, 0.0), bears)
     # The damper of the contact sees the speed of the tip against a plane at rest.
     rate = -(tip.velocity[0] * n[0] + tip.velocity[1] * n[1] + tip.velocity[2] * n[2])
     if rate > 0.0:
         c = min(max((bears - k * elastic) / rate, 0.0), c)
-    tip.damping = tip.held * max(c / soil.damping_nspm, _LEAST_DAMPING)
+    tip.damping = c
     tip.depth, tip.plastic, tip.elastic, tip.force = depth, plastic, elastic, force
     tip.sheared += way
     mobilised = max(1.0 - math.exp(-tip.sheared / soil.shear_m), _LEAST_MOBILISED)
@@ -552,15 +552,17 @@ def advance(mj_step: int, model: int, data: int, steps: int, qpos: np.ndarray,
             table: np.ndarray, deepest: float, heights: np.ndarray, cell_m: float,
             loose: np.ndarray, loose_cell_m: float, index: np.ndarray, origin: np.ndarray,
             samples: np.ndarray, mocap_pos: np.ndarray, mocap_quat: np.ndarray,
-            pair_friction: np.ndarray, pair_solref: np.ndarray, slipped: np.ndarray,
-            leg_wrench: np.ndarray, motor_torque: np.ndarray, wrench: np.ndarray,
+            pair_friction: np.ndarray, pair_solref: np.ndarray, pair_solreffriction: np.ndarray,
+            pair_solimp: np.ndarray, slipped: np.ndarray, leg_wrench: np.ndarray,
+            motor_torque: np.ndarray, wrench: np.ndarray,
             torque: np.ndarray) -> tuple[int, bool]:
     """Make steps of soil and MuJoCo until one leaves something to be done for a tip.
 
     Args:
         mj_step, model, data: addresses of MuJoCo's function and of its arguments.
         steps: how many at most.
-        qpos, qvel, mocap_pos, mocap_quat, pair_friction, pair_solref: arrays of MuJoCo.
+        qpos, qvel, mocap_pos, mocap_quat, pair_friction, pair_solref, pair_solreffriction,
+            pair_solimp: arrays of MuJoCo.
         legs, tips, soils: records of `LEG`, `TIP` and one of `SOIL`.
         table, deepest: as for `dig_slope`.
         heights, cell_m: the untouched ground; loose, loose_cell_m: looseness of the soil on it,
@@ -597,7 +599,15 @@ def advance(mj_step: int, model: int, data: int, steps: int, qpos: np.ndarray,
             turn[0], turn[1] = (1.0 + n[2]) * scale, -n[1] * scale
             turn[2], turn[3] = n[0] * scale, 0.0
             pair_friction[tip.pair, 0] = pair_friction[tip.pair, 1] = tip.friction
-            pair_solref[tip.pair, 1] = tip.damping
+            # Spring and damper stay what they are while the carried mass grows; shear, which is
+            # far stiffer, grows with that mass. `physics/soil_contact.py` has the formulas.
+            part = onset(tip.elastic)
+            impedance = _IMPEDANCE * part
+            rest = (1.0 - impedance) / (1.0 - _IMPEDANCE)
+            pair_solimp[tip.pair, 0] = pair_solimp[tip.pair, 1] = impedance
+            pair_solref[tip.pair, 0] = tip.held[0] * rest
+            pair_solref[tip.pair, 1] = tip.held[1] * rest * tip.damping / soil.damping_nspm
+            pair_solreffriction[tip.pair, 1] = tip.held[1] * part
         if diverged:
             return made, True
         _call(mj_step, model, data)

@@ -1,7 +1,8 @@
 """Feet in soil: they sink as far as it bears, hold on slopes, leave prints, and stand in them."""
 
 import numpy as np
-from physics_scene import depth_m, make_world, plane_heights, ROVER, simulate, soft, trot, WEIGHT_N
+from physics_scene import (depth_m, GRAVITY, make_world, plane_heights, ROVER, simulate, soft,
+                           trot, WEIGHT_N)
 import pytest
 
 from lunar_rover_sim.errors import ConfigError
@@ -200,3 +201,21 @@ def test_no_tip_gets_into_the_ground_before_soil_carries_it(slope_deg, height_m,
             touched |= np.linalg.norm(state.contact_force_n, axis=1) > 0.0
             assert np.all(touched | (depth.reshape(4, -1).max(axis=1) < 2.0 * fall))
         assert touched.any()
+
+
+def test_the_force_on_a_tip_begins_with_0_where_it_comes_back_to_its_print():
+    """A rover raised off its prints, by 2 µm more each time, and let go for a step.
+
+    A contact that carries a mass at once lets the speed after that step jump by 0.2 mm/s for each
+    tip that still touches.
+    """
+    with simulate(ground=soft()) as simulation:
+        speeds = []
+        for raised_m in np.arange(0.0002, 0.0007, 2e-6):
+            simulation.reset()
+            simulation.data.qpos[2] += raised_m
+            simulation.advance(1)
+            speeds.append(simulation.data.qvel[2])
+    assert speeds[-1] == pytest.approx(-GRAVITY * 0.001, rel=1e-6)
+    assert np.ptp(speeds) > 0.001
+    assert np.abs(np.diff(speeds)).max() < 3e-5

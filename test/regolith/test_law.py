@@ -94,7 +94,7 @@ def test_soil_yields_until_it_bears_spring_and_damper(depth, part):
     """A step deeper than what held before."""
     soil = record()
     e = elastic(depth, 0.9 * depth, 0.0, part=part, lean=0.3)
-    carried = soil['elastic_npm'] * e + law.damper_nspm(e, soil) * e / STEP_S
+    carried = soil['elastic_npm'] * e + soil['damping_nspm'] * law.onset(e) * e / STEP_S
     assert carried == pytest.approx(part * law.bears_n(depth - e, 0.3, soil), rel=1e-6)
     assert depth - e > 0.9 * depth
 
