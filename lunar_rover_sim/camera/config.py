@@ -91,9 +91,8 @@ class LensConfig(Parameters):
         15.0, 'so far beyond the edge of the image the hood hides the sun from the lens',
         unit='deg', low=0.0, high=90.0)
     ghost_share: float = param(
-        0.067, 'share of the veiling sunlight that is gathered in ghosts: 3 of the 45 reflections '
-        'of veil_share come to a focus near the sensor, 2.5e-5 of the sun each', low=0.0,
-        high=1.0)
+        0.07, 'share of the veiling sunlight that is gathered in ghosts: 3.2 of 45 '
+        'reflections, as in a traced wide-angle lens (ghosts.py)', low=0.0, high=1.0)
     lateral_colour: float = param(
         0.0, 'magnification of the red image over the green one, less 1, and of the '
         'green one over the blue one, of colour sensors', low=0.0, high=0.01)

@@ -7,11 +7,11 @@ cells and interpolated between them; only near the sun every pixel is computed.
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.camera.ghosts import GHOSTS, PAIRS
 from lunar_rover_sim.camera.image_geometry import ImageGeometry
 from lunar_rover_sim.camera.lens import Glare, Lens
 from lunar_rover_sim.compiled import compiled
@@ -21,9 +21,6 @@ F32 = NDArray[np.float32]
 
 _CELL = 24                  # pixels along a side of a cell
 _NEAR_PX = 32.0, 128.0      # from the sun: within the first, every pixel is computed; beyond, none
-# Ghosts lie on the line from the sun through the middle of the image. Place, over that of the sun,
-# and radius, over the focal length; a choice that looks like pictures, not a certain lens.
-_GHOSTS = ((-1.0, 0.035), (-0.45, 0.06), (0.4, 0.09))
 
 
 @dataclasses.dataclass
@@ -92,7 +89,7 @@ class StrayLight:
         if flux > 0.0:
             self._add_near(result, sun.direction, place, flux)
             if lens.config.ghost_share > 0.0:
-                self._add_ghosts(result, place, flux)
+                self._add_ghosts(result, sun, place, flux)
         return result
 
     def _scatter(self, places_px: Array, direction: Array) -> Array:
@@ -106,19 +103,20 @@ class StrayLight:
         if places.size:
             result[part] += flux * _nearby(places, place) * self._scatter(places, direction)
 
-    def _add_ghosts(self, result: F32, sun_px: Array, flux: float) -> None:
-        """Add images of the aperture, each as bright all over as in its middle."""
+    def _add_ghosts(self, result: F32, sun: ImagedSun, sun_px: Array, flux: float) -> None:
+        """Add the ghosts, each under the fall-off of its middle."""
         focal, config = self._image.focal_px, self._lens.config
         centre = self._image.K[:2, 2]
-        share = config.veil_share * config.ghost_share / len(_GHOSTS)
-        for ratio, radius in _GHOSTS:
-            place = centre + ratio * (sun_px - centre)
-            part, places = self._square(place, radius * focal + 1.0)
-            if places.size:
-                inside = radius * focal - np.linalg.norm(places - place, axis=-1)
-                falloff = float(self._image.falloff(place))
-                result[part] += np.clip(inside + 0.5, 0.0, 1.0) * (
-                    flux * share / (falloff * math.pi * radius**2))
+        pair = flux * config.veil_share * config.ghost_share / PAIRS
+        for ghost in GHOSTS:
+            place = centre + ghost.place * (sun_px - centre)
+            part, places = self._square(place, ghost.reach_px(focal))
+            passing = ghost.passing(sun.direction)
+            if places.size and passing > 0.0:
+                away = np.linalg.norm(places - place, axis=-1)
+                # Radiance is irradiance per pixel over the fall-off and the pixel's solid angle.
+                result[part] += ghost.irradiance(away, focal) * (
+                    pair * passing * focal**2 / float(self._image.falloff(place)))
 
     def _square(self, place: Array, radius_px: float) -> tuple[tuple[slice, slice], Array]:
         """Return the part of the image around a place, and the (h, w, 2) places of its pixels."""
