@@ -7,6 +7,7 @@ from pathlib import Path
 import signal
 import time
 
+from conftest import PLAIN, SMALL_WORLD
 import numpy as np
 import pytest
 from waiting import wait_until
@@ -17,7 +18,7 @@ rclpy = pytest.importorskip('rclpy')
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402  (needs rclpy)
 from geometry_msgs.msg import TwistStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
-from peer import Peer, running, SMALL_CAMERA  # noqa: E402
+from peer import Peer, PLAIN_DETAIL, running, SMALL_CAMERA  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
@@ -46,7 +47,8 @@ def physics(peer: Peer, world: Path, *arguments: str) -> Iterator[list[Clock]]:
 def test_a_late_reader_gets_the_present_state_and_image(peer: Peer, world_folder: Path) -> None:
     """The first message is less than two periods old; latched topics come all the same."""
     with ExitStack() as stack:
-        stack.enter_context(running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA))
+        stack.enter_context(running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA,
+                                    *PLAIN_DETAIL))
         clock = stack.enter_context(physics(peer, world_folder))
         image = peer.echo(Image, 'stereo/left/image_raw')
         peer.spin_until(lambda: bool(image))    # that of the shown frame, drawn for this reader
@@ -153,9 +155,8 @@ def test_every_node_works_with_use_sim_time(world_folder: Path, tmp_path: Path,
     Without it: every other test.
     """
     scenario = resolve(Scenario.load('baseline', [
-        'time_mode=lockstep', 'world.size_m=12.8', 'world.surroundings.samples=257',
-        'render_node.camera.width=160', 'render_node.camera.height=120',
-        'render_node.sgm.num_disparities=32'], duration_s=0.5))
+        'time_mode=lockstep', *SMALL_WORLD, *PLAIN, 'render_node.camera.width=160',
+        'render_node.camera.height=120', 'render_node.sgm.num_disparities=32'], duration_s=0.5))
     folder = tmp_path / 'run'
     plans = [dataclasses.replace(plan, parameters={**plan.parameters, 'use_sim_time': True})
              for plan in prepare(scenario, folder, world_folder)]
@@ -206,7 +207,7 @@ def test_every_node_goes_on_when_time_restarts(peer: Peer, world_folder: Path,
         nodes = {name: stack.enter_context(running(name, *arguments)) for name, arguments in (
             ('drive_node', ('-p', 'mode:=spline', '-p', 'shape:=circle')),
             ('gait_controller_node', ()),
-            ('render_node', (*world, *SMALL_CAMERA)),
+            ('render_node', (*world, *SMALL_CAMERA, *PLAIN_DETAIL)),
             ('recorder_node', ('-p', f'output:={tmp_path / "bag"}', '-p',
                                'topics:=[odom, clock]')))}
         peer.spin_until(lambda: peer.node.count_publishers('stereo/left/camera_info') > 0)

@@ -12,6 +12,7 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
+from conftest import PLAIN
 import pytest
 from waiting import LIMIT_S, wait_until
 
@@ -159,7 +160,8 @@ def test_templates(template: str, time_mode: str, tmp_path: Path, world_folder: 
                             'gait_controller_node.wait.lags_s=[0.05]'],
              'estimator': ['physics_node.wait.topics=[slam/pose]',
                            'physics_node.wait.lags_s=[0.3]', 'render_node.camera.width=160',
-                           'render_node.camera.height=120', 'render_node.sgm.num_disparities=32']}
+                           'render_node.camera.height=120', 'render_node.sgm.num_disparities=32',
+                           *PLAIN]}
     if template == 'estimator':
         nodes += ', render_node'
     scenario = resolve(Scenario.load('flat', [

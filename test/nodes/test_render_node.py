@@ -13,7 +13,7 @@ rclpy = pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import PoseStamped, Vector3Stamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402  (needs rclpy)
-from peer import at_rest_odometry, ended, Peer, running, SMALL_CAMERA  # noqa: E402
+from peer import at_rest_odometry, ended, Peer, PLAIN_DETAIL, running, SMALL_CAMERA  # noqa: E402
 from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import QoSProfile  # noqa: E402
@@ -246,8 +246,8 @@ def test_an_error_of_matching_ends_the_render_node(peer: Peer, world_folder: Pat
     disparities = peer.listen(DisparityImage, 'stereo/disparity')
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
     odometry = at_rest_odometry()
-    with ended('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA, '-p',
-               'sgm.num_disparities:=160') as errors:
+    with ended('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA,
+               *PLAIN_DETAIL, '-p', 'sgm.num_disparities:=160') as errors:
         peer.spin_until(lambda: bool(left),
                         meanwhile=lambda: poses.publish(odometry))
     assert errors[-1] == ('FATAL num_disparities: 160 is not valid; valid is less than the image '
@@ -298,9 +298,9 @@ def test_light_exposure_and_rates_change_while_it_runs(peer: Peer, world_folder:
         return float(np.mean(images[-1].data))
 
     with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA,
-                 '-p', 'sensor.exposure_mode:=fixed', '-p', 'sensor.exposure_s:=0.002',
-                 '-p', 'sensor.companding:=linear', '-p', 'sun.elevation_deg:=5.0',
-                 '-p', 'miscalibration.gain_percent:=5.0'):
+                 *PLAIN_DETAIL, '-p', 'sensor.exposure_mode:=fixed', '-p',
+                 'sensor.exposure_s:=0.002', '-p', 'sensor.companding:=linear', '-p',
+                 'sun.elevation_deg:=5.0', '-p', 'miscalibration.gain_percent:=5.0'):
         before = brightness()
         suns = peer.echo(Vector3Stamped, 'sun')
         peer.spin_until(lambda: len(suns) == 1)
@@ -349,7 +349,7 @@ def test_states_that_piled_up_are_not_drawn_one_by_one(peer: Peer, world_folder:
         return [image.header.stamp.sec * 10**9 + image.header.stamp.nanosec for image in images]
 
     with running('render_node', '-p', f'world:={world_folder}', '-p', 'time_mode:=real_time',
-                 '-p', 'frame_rate_hz:=10'):
+                 '-p', 'frame_rate_hz:=10', *PLAIN_DETAIL):
         peer.spin_until(lambda: bool(images),
                         meanwhile=lambda: publish(3 * 10**9))
         images.clear()

@@ -16,7 +16,7 @@ from waiting import LIMIT_S, wait_until
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy')
 
-from peer import Peer  # noqa: E402  (needs rclpy)
+from peer import Peer, PLAIN_DETAIL, SMALL_CAMERA  # noqa: E402  (needs rclpy)
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
 from lunar_rover_sim.errors import GraphError  # noqa: E402
@@ -47,8 +47,7 @@ def test_every_node_stops_quietly(node: str, world_folder: Path, tmp_path: Path,
     These three have something to close; others end as they do.
     """
     arguments = {'physics_node': ['-p', f'world:={world_folder}'],
-                 'render_node': ['-p', f'world:={world_folder}', '-p', 'camera.width:=160', '-p',
-                                 'camera.height:=120', '-p', 'sgm.num_disparities:=32']}
+                 'render_node': ['-p', f'world:={world_folder}', *SMALL_CAMERA, *PLAIN_DETAIL]}
 
     def start(k: int) -> subprocess.Popen[str]:
         output = {'recorder_node': ['-p', f'output:={tmp_path / f"bag{k}"}']}
