@@ -115,34 +115,51 @@ def looked_up(frame, rays, T, heights, config):
     # From above all relief on, in steps of 1 mm of height and less than 4 mm along the ground.
     step = np.minimum(0.001 / -ray[:, 2], 0.004 / np.hypot(*ray[:, :2].T))
     t = (0.03 - T[2, 3]) / ray[:, 2]
-    met, before, after = np.full(len(t), np.nan), np.zeros(len(t)), np.zeros(len(t))
+    met = np.full(len(t), np.nan)
     active = np.arange(len(t))
     for _ in range(600):
         place = T[:3, 3] + t[active, None] * ray[active]
-        after[active] = place[:, 2] - heights(place[:, :2])
-        hit = after[active] <= 0.0
-        k = active[hit]
-        met[k] = t[k] - step[k] * after[k] / np.minimum(after[k] - before[k], -1e-9)
+        hit = place[:, 2] <= heights(place[:, :2])
+        met[active[hit]] = t[active[hit]]
         active = active[~hit]
-        before[active] = after[active]
         t[active] += step[active]
+    above = met - step
+    for _ in range(16):
+        middle = 0.5 * (above + met)
+        place = T[:3, 3] + middle[:, None] * ray
+        inside = place[:, 2] <= heights(place[:, :2])
+        above, met = np.where(inside, above, middle), np.where(inside, middle, met)
+    met = above                 # halved until what is left of the step casts no shadow
     sun = sun_direction(SUN.azimuth_deg, SUN.elevation_deg)
     free = np.ones(len(t), bool)
     place = T[:3, 3] + met[:, None] * ray
-    for along in np.arange(0.002, 0.16, 0.002):
+    for along in np.arange(0.001, 0.16, 0.001):
         k = np.flatnonzero(free)
         q = place[k] + along * sun
-        free[k] = q[:, 2] > heights(q[:, :2]) - 3e-4
+        free[k] = q[:, 2] > heights(q[:, :2])
     view = -ray / np.linalg.norm(ray, axis=1, keepdims=True)
-    law = config.sun.irradiance * hapke.reflectance(
-        sun[2], view[:, 2], view @ sun, hapke.parameter_set(config.reflectance.ground),
-        albedo=config.reflectance.albedo_scale)
-    seen = T[:3, 3] + depth[:, None] * ray
-    slope = np.column_stack([heights(seen[:, :2] + apart) - heights(seen[:, :2] - apart)
-                             for apart in (0.003 * np.eye(2))]) / 0.006
+    law = brightness(np.array([[0.0, 0.0]]), view, sun, config)
+    lit = free * brightness(slopes(heights, place), view, sun, config)
+    slope = slopes(heights, T[:3, 3] + depth[:, None] * ray)
     phase_deg = np.degrees(np.arccos(np.clip(view @ sun, -1.0, 1.0)))
-    return dict(depth=depth, met=met, free=free, radiance=frame.radiance[chosen], law=law,
+    return dict(depth=depth, met=met, lit=lit, radiance=frame.radiance[chosen], law=law,
                 phase_deg=phase_deg, height=place[:, 2], normal=frame.normal[chosen], slope=slope)
+
+
+def slopes(heights, place):
+    """Return the (n, 2) slopes at (n, 3) places, over 6 mm."""
+    return np.column_stack([heights(place[:, :2] + apart) - heights(place[:, :2] - apart)
+                            for apart in (0.003 * np.eye(2))]) / 0.006
+
+
+def brightness(slope, view, sun, config):
+    """Return the (n,) radiance in sunlight of (n, 2) slopes seen from (n, 3) unit vectors."""
+    normal = np.column_stack([-slope, np.ones(len(slope))])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    mu_0, mu = normal @ sun, (normal * view).sum(axis=1)
+    return (mu_0 > 0.0) * config.sun.irradiance * hapke.reflectance(
+        np.maximum(mu_0, 1e-6), np.maximum(mu, 1e-3), view @ sun,
+        hapke.parameter_set(config.reflectance.ground), albedo=config.reflectance.albedo_scale)
 
 
 def joined(views, name):
@@ -174,17 +191,18 @@ def test_normals_are_those_of_the_heights(views):
 
 
 def test_ground_hides_its_shadows_away_from_the_sun(views):
-    """Dark ground by phase angle is what rays find, within 4 points: texels of shadow are means.
+    """Dark ground by phase angle is what rays and slopes find, within 2.5 points (0.5 to 1.9).
 
-    Without shape 8 % were dark at 1.5 to 3 deg. The mean is that of the law without a factor.
+    Texels of shadow are means. Without shape 8 % were dark at 1.5 to 3 deg. The mean is that of
+    the law without a factor.
     """
-    phase_deg, free = joined(views, 'phase_deg'), joined(views, 'free')
+    phase_deg, lit = joined(views, 'phase_deg'), joined(views, 'lit')
     radiance, law = joined(views, 'radiance'), joined(views, 'law')
-    dark = radiance < 0.25 * law
+    dark, found = radiance < 0.25 * law, lit < 0.25 * law
     for low, high in ((1, 3), (3, 6), (6, 10), (10, 15), (15, 20), (20, 25)):
         some = (phase_deg >= low) & (phase_deg < high)
         assert some.sum() > 100
-        assert -0.01 < dark[some].mean() - np.mean(~free[some]) < 0.04
+        assert -0.01 < dark[some].mean() - found[some].mean() < 0.025
         assert radiance[some].mean() / law[some].mean() == pytest.approx(1.0, abs=0.08)
 
 
