@@ -1,5 +1,6 @@
 """KITTI odometry sequences: image_0, image_1, velodyne, calib.txt, times.txt, poses.txt.
 
+Images of colour sensors are in image_2 and image_3, and grey ones of them in image_0 and image_1.
 Each image has a line with the pose of the left camera in the frame of the first one: the upper
 three rows of the matrix (Geiger et al., CVPR 2012). Where the bag has clouds of a LiDAR, each has
 a scan in velodyne as well: see `velodyne.py`.
@@ -11,6 +12,7 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -119,8 +121,6 @@ class KittiSequence(PosedSequence):
         super().__init__(bag, folder, png)
         self._T_base_left = self.suite.T_base_imu @ self.suite.T_imu_left
         self._T_first_odom: Array | None = None
-        for name in ('image_0', 'image_1'):
-            (folder / name).mkdir()
         suite = self.suite
         for k, baseline_m in enumerate((0.0, suite.baseline_m, 0.0, suite.baseline_m)):
             P = [[suite.focal_px[0], 0.0, suite.centre_px[0], -suite.focal_px[0] * baseline_m],
@@ -136,11 +136,20 @@ class KittiSequence(PosedSequence):
 
     def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
         """Write the pair, its stamp, and its pose and scan as soon as they are known."""
-        for name, topic in (('image_0', topics.LEFT_IMAGE), ('image_1', topics.RIGHT_IMAGE)):
-            self.png.write(self.folder / name / f'{self.count:06d}.png', pixels[topic.name])
+        for side, topic in enumerate((topics.LEFT_IMAGE, topics.RIGHT_IMAGE)):
+            image = pixels[topic.name]
+            if image.ndim == 3:
+                self._write_image(2 + side, image)
+                image = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+            self._write_image(side, image)
         if self._velodyne is not None:
             self._velodyne.image(stamp_ns)
         self.taken(stamp_ns)
+
+    def _write_image(self, camera: int, image: NDArray[Any]) -> None:
+        folder = self.folder / f'image_{camera}'
+        folder.mkdir(exist_ok=True)
+        self.png.write(folder / f'{self.count:06d}.png', image)
 
     def data(self, topic: str, stamp_ns: int, message: Any) -> None:
         """Keep poses and scans until their images come."""

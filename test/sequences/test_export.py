@@ -206,6 +206,32 @@ def test_kitti(tmp_path, bag):
     assert float(calib['P1'].split()[3]) == -synthetic.FOCAL_PX * 0.1
 
 
+@pytest.mark.parametrize('encoding,kind', [('mono8', 'uint8'), ('rgb8', 'uint8'),
+                                           ('bayer_rggb8', 'uint8'), ('bayer_rggb16', 'uint16')])
+def test_kitti_has_colour_where_its_programs_look_for_it(tmp_path, encoding, kind):
+    """The devkit has grey images in image_0 and image_1, those in colour in image_2 and 3."""
+    rng, items = np.random.default_rng(3), synthetic.drive(0.3)
+    shape = (synthetic.HEIGHT, synthetic.WIDTH, 3)[:3 if encoding == 'rgb8' else 2]
+    pixels = rng.integers(0, np.iinfo(kind).max, shape, endpoint=True).astype(kind)
+    for item in items:
+        if item.topic in ('stereo/left/image_raw', 'stereo/right/image_raw'):
+            item.message.encoding = encoding
+            item.message.step = pixels.strides[0]
+            item.message.data = np.frombuffer(pixels.tobytes(), np.uint8)
+    export(synthetic.write(tmp_path / 'bag', items), tmp_path / 'seq', 'kitti')
+    grey, colour = ([cv2.imread(str(tmp_path / f'seq/image_{camera}/000000.png'),
+                                cv2.IMREAD_UNCHANGED) for camera in cameras]
+                    for cameras in ((0, 1), (2, 3)))
+    for image in grey:
+        assert image.shape == shape[:2] and image.dtype == kind
+    if encoding == 'mono8':
+        assert not list((tmp_path / 'seq').glob('image_[23]'))
+        return
+    for image, of in zip(colour, grey):
+        assert image.shape == (*shape[:2], 3) and image.dtype == kind
+        np.testing.assert_array_equal(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), of)
+
+
 def test_bad_export(tmp_path, items, bag):
     with pytest.raises(SequenceError, match='did you mean euroc'):
         export(bag, tmp_path / 'seq', 'eurok')
