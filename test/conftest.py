@@ -26,8 +26,8 @@ PLAIN = ('render_node.detail.far_rocks_m=0', 'render_node.detail.bounce=false',
          'render_node.detail.relief_rms_slope=0', 'render_node.detail.pit_cover=0',
          'render_node.detail.pebble_cover=0')
 # For runs that have nothing to do with images: the renderer starts slowly.
-BLIND = ('--set', 'run.nodes=[physics_node,gait_controller_node,drive_node,recorder_node]', '--set',
-         'physics_node.ground.model=rigid')
+BLIND = ('--set', 'run.nodes=[physics_node,gait_controller_node,drive_node,recorder_node]',
+         '--set', 'physics_node.ground.model=rigid')
 
 
 def command(*arguments: str) -> list[str]:
