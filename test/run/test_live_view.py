@@ -17,6 +17,7 @@ from waiting import LIMIT_S, wait_until
 pytest.importorskip('foxglove')
 from view_client import client, free_port  # noqa: E402  (needs the extra)
 
+from lunar_rover_sim.camera.encoding import ENCODINGS  # noqa: E402
 from lunar_rover_sim.cli.main import main  # noqa: E402
 from lunar_rover_sim.errors import ConfigError, GraphError  # noqa: E402
 from lunar_rover_sim.run.live_view import check_view, LiveView, ViewProcess  # noqa: E402
@@ -276,4 +277,29 @@ def test_the_page_in_a_browser(served: tuple[Served, LiveView], tmp_path: Path) 
         page.mouse('mousePressed', left + 0.5 * size, top + 0.05 * size)
         time.sleep(0.5)
         assert len(one.driven) == count
+        assert not page.errors
+
+
+@pytest.mark.skipif(browser.CHROMIUM is None, reason='there is no Chromium')
+def test_the_page_shows_images_of_each_encoding(served: tuple[Served, LiveView],
+                                                tmp_path: Path) -> None:
+    """A cell of a mosaic has red and green in its upper row, green and blue in its lower one."""
+    one, _ = served
+    cells = np.array([[10, 20, 30, 40], [50, 60, 70, 80]], np.uint8)
+    coloured = [[10, 20, 60, 255]] * 2 + [[30, 40, 80, 255]] * 2
+    grey = [[value] * 3 + [255] for value in (10, 20, 30, 40)]
+    with browser.browser(tmp_path / 'profile') as page:
+        page.open(f'http://localhost:{one.port}/')
+        wait_until(lambda: page.value('typeof onImage') == 'function')
+        for encoding in ENCODINGS:
+            pixels = cells.astype('<u2') << 8 if encoding.endswith('16') else cells
+            if encoding == 'rgb8':
+                pixels = np.repeat(cells[..., None], 3, axis=-1)
+            page.value(f"""onImage({{width: 4, height: 2, encoding: '{encoding}', is_bigendian: 0,
+                step: {pixels.strides[0]}, data: new Uint8Array({list(pixels.tobytes())})}})""")
+            row, below = (page.value("[...element('camera').getContext('2d')"
+                                     f".getImageData(0, {y}, 4, 1).data]") for y in (0, 1))
+            assert np.reshape(row, (4, 4)).tolist() == (
+                coloured if encoding.startswith('bayer') else grey), encoding
+            assert (below == row) == encoding.startswith('bayer')
         assert not page.errors

@@ -139,17 +139,27 @@ function onImage(message) {
   const picture = context.createImageData(width, height), to = picture.data;
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   const little = !message.is_bigendian;
-  const grey = {mono8: (at) => data[at], mono16: (at) => view.getUint16(at, little) >> 8,
+  const eight = (at) => data[at], sixteen = (at) => view.getUint16(at, little) >> 8;
+  const grey = {mono8: eight, mono16: sixteen,
     // Near is bright.
     '32FC1': (at) => 255 / (1 + 0.5 * view.getFloat32(at, little))}[encoding];
-  const size = {mono8: 1, mono16: 2, '32FC1': 4, rgb8: 3, bgr8: 3}[encoding];
+  const mosaic = {bayer_rggb8: eight, bayer_rggb16: sixteen}[encoding];
+  const size = {mono8: 1, mono16: 2, '32FC1': 4, rgb8: 3, bgr8: 3, bayer_rggb8: 1,
+    bayer_rggb16: 2}[encoding];
   if (!size) {
     element('note').textContent = `${encoding}: this page cannot show such images`;
     return;
   }
   for (let row = 0, pixel = 0; row < height; row++) {
-    for (let at = row * step, end = at + width * size; at < end; at += size, pixel += 4) {
+    const start = row * step;
+    for (let at = start, end = at + width * size; at < end; at += size, pixel += 4) {
       if (grey) to[pixel] = to[pixel + 1] = to[pixel + 2] = grey(at);
+      else if (mosaic) {      // red, green and blue of the 2 x 2 pixels of its cell
+        const cell = at - (row % 2) * step - (at - start) % (2 * size);
+        to[pixel] = mosaic(cell);
+        to[pixel + 1] = mosaic(cell + size);
+        to[pixel + 2] = mosaic(cell + step + size);
+      }
       else for (let k = 0; k < 3; k++) to[pixel + k] = data[at + (encoding === 'rgb8' ? k : 2 - k)];
       to[pixel + 3] = 255;
     }
