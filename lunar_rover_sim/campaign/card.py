@@ -33,8 +33,8 @@ _FORMATS = {
     'euroc': 'EuRoC/ASL: mav0/cam0, cam1, imu0, ground truth of the IMU; sensor.yaml each',
     'tum': 'TUM RGB-D: rgb, depth (16-bit PNG, 5000 counts a metre), groundtruth.txt of the left '
            'camera, calibration.yaml',
-    'kitti': 'KITTI odometry: image_0, image_1, calib.txt, times.txt, poses.txt; with LiDAR '
-             'clouds, velodyne',
+    'kitti': 'KITTI odometry: image_0, image_1, in colour image_2, image_3, calib.txt, times.txt, '
+             'poses.txt; with LiDAR clouds, velodyne',
     'tartanair': 'TartanAir: image_left, image_right, depth_left (npy, metres; and 16-bit PNG, '
                  'millimetres), pose_left.txt, pose_right.txt (NED), calibration.yaml; with '
                  'labels, seg_left and flow',
@@ -58,12 +58,15 @@ def make_card(dataset: Path) -> dict[str, Any]:
     campaign = recorded.get('campaign')
     if not isinstance(campaign, dict):
         raise CampaignError(f'{dataset / CAMPAIGN_FILE}: has no campaign')
-    formats, vary = campaign.get('formats', []), campaign.get('vary', {})
+    formats = campaign.get('formats', [])
     if not isinstance(formats, list) or not all(isinstance(name, str) for name in formats):
         raise CampaignError(f'{dataset / CAMPAIGN_FILE}: formats: {brief(formats)} is not a list '
                             'of names')
-    if not isinstance(vary, dict):
-        raise CampaignError(f'{dataset / CAMPAIGN_FILE}: vary: {brief(vary)} is not a mapping')
+    for name in ('settings', 'vary'):
+        value = campaign.get(name, {})
+        if not isinstance(value, dict):
+            raise CampaignError(f'{dataset / CAMPAIGN_FILE}: {name}: {brief(value)} is not a '
+                                'mapping')
     failed = failures(dataset)
     presets = sorted({str(e['statistics'].get('imu_preset') or '') for e in episodes} - {''})
     return {
@@ -161,6 +164,10 @@ def markdown(card: dict[str, Any]) -> str:
     lines += ['', '## What varies', '', '| parameter | distribution |', '|---|---|']
     lines += [f'| `{_cell(name)}` | `{_cell(str(how))}` |'
               for name, how in campaign.get('vary', {}).items()]
+    if campaign.get('settings'):
+        lines += ['', '## What is set in all episodes', '', '| parameter | value |', '|---|---|']
+        lines += [f'| `{_cell(name)}` | `{_cell(str(value))}` |'
+                  for name, value in campaign['settings'].items()]
     lines += ['', '## Limits', '',
               'Images are rendered, not photographed. Semi-global matching leaves holes and errors'
               ' on purpose; ground truth has none. Slip and penetration follow a contact model,'

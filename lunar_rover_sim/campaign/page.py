@@ -31,8 +31,8 @@ THUMBNAILS = 3
 _WIDTH_PX = 320
 _QUALITY = 82
 # Left images of exported sequences.
-_IMAGE_FOLDERS = ('tum/rgb', 'euroc/mav0/cam0/data', 'tartanair/image_left', 'kitti/image_0',
-                  'coco/images', 'yolo/images')
+_IMAGE_FOLDERS = ('tum/rgb', 'euroc/mav0/cam0/data', 'tartanair/image_left', 'kitti/image_2',
+                  'kitti/image_0', 'coco/images', 'yolo/images')
 _SHOWN = ('distance_m', 'sun_elevation_deg', 'shadow_share', 'textured_share', 'sgm_density',
           'sgm_error_px')
 

@@ -32,7 +32,8 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three episodes without bags."""
     folder = tmp_path_factory.mktemp('data')
     write_json(folder / CAMPAIGN_FILE, {'campaign': {
-        'name': 'polar suns', 'license': 'CC-BY-4.0', 'formats': ['coco'], 'base': 'baseline'}})
+        'name': 'polar suns', 'license': 'CC-BY-4.0', 'formats': ['coco'], 'base': 'baseline',
+        'settings': {'render_node.sensor.encoding': 'bayer_rggb16'}}})
     for name in ('0000', '0001', '0002'):
         (folder / EPISODES / name).mkdir(parents=True)
         write_json(folder / EPISODES / name / MANIFEST, {
@@ -75,6 +76,12 @@ def test_the_readme_begins_with_the_head_of_the_hub(dataset: Path) -> None:
     assert head['license'] == 'cc-by-4.0' and head['size_categories'] == ['1K<n<10K']
     assert (dataset / head['configs'][0]['data_files']).is_file()
     assert text.split('---\n', 2)[2].startswith('\n# polar suns\n')
+
+
+def test_the_readme_says_what_is_set_in_all_episodes(dataset: Path) -> None:
+    """What images are, above all: a mosaic, or grey."""
+    text = (dataset / 'README.md').read_text()
+    assert '| `render_node.sensor.encoding` | `bayer_rggb16` |' in text.split('## What is set')[1]
 
 
 @pytest.mark.parametrize('frames, size', [(0, 'n<1K'), (999, 'n<1K'), (1000, '1K<n<10K'),
