@@ -84,12 +84,12 @@ def test_a_program_that_dies_stops_the_rover_which_says_that_it_is_lost(tmp_path
     (tmp_path / 'dies.py').write_text(DIES)
     scenario = Scenario.load('baseline', [
         'render_node.camera.width=320', 'render_node.camera.height=240',
-        'navigator_node.lost_s=2.0', f'slam_node.command={sys.executable} {tmp_path}/dies.py'])
+        'navigator_node.lost_s=1.0', f'slam_node.command={sys.executable} {tmp_path}/dies.py'])
     x = {}
     drive = drive_to(scenario, worlds.small(), (3.0, 0.0), SEEN, 'slam', 20.0, watch=lambda
                      state, *_: x.update({round(state.stamp_ns * 1e-8): state.position_m[0]}))
-    # A pose counts for 0.5 s, and 2 s later the navigator gives up.
-    assert drive.outcome == LOST and drive.time_s == pytest.approx(5.5, abs=0.15)
+    # A pose counts for 0.5 s, and 1 s later the navigator gives up.
+    assert drive.outcome == LOST and drive.time_s == pytest.approx(4.5, abs=0.15)
     assert x[34] - x[30] > 0.02 and abs(x[max(x)] - x[40]) < 0.01
 
 
