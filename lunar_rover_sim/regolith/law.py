@@ -69,15 +69,16 @@ _MOST_LEAN = 2.0         # of the rod [tan]
 _PRINT_DEPTH_M, _PRINT_WAY_M = 0.0005, 0.004    # a print is pressed in after so much motion
 _BISECTIONS = 42         # halve a bracket of 0.1 m to the last digits of a float
 _CELL_M, _TILE = 0.005, 20      # as `regolith/overlay.py` has them
-_IMPEDANCE = 0.25                # as `physics/soil_contact.py` has it
+_IMPEDANCE = 0.18                # as `physics/soil_contact.py` has it
 
 Record = Any    # of a structured array; compiled code reads its fields as attributes
 VECTOR = (np.float64, 3)
 TIP = np.dtype([
     # where it is: leg, and the offset from the axle in the frame of the leg [m]
     ('leg', np.int64), ('offset', *VECTOR),
-    # rows of MuJoCo's arrays; solref of the contact while the soil holds; damping now [N s/m]
-    ('mocap', np.int64), ('pair', np.int64), ('held', np.float64, 2), ('damping', np.float64),
+    # rows of MuJoCo's arrays; solref of the contact while the soil holds; what of it holds now
+    ('mocap', np.int64), ('pair', np.int64), ('held', np.float64, 2), ('sprung', np.float64),
+    ('damped', np.float64),
     # centre, its velocity, rate of the leg, axle from the centre: world frame [m], [m/s], [rad/s]
     ('centre', *VECTOR), ('velocity', *VECTOR), ('rate', *VECTOR), ('rod', *VECTOR),
     # the surface: position, change against the untouched ground, tilt of the print, unit normal
@@ -492,11 +493,14 @@ def support(tip: Record, soil: Record, table: np.ndarray, deepest: float, height
     bears = part * bears_n(plastic, lean, soil)
     k, c = soil.elastic_npm, soil.damping_nspm * onset(elastic)
     force = min(max(k * elastic + c * (elastic - before) / step, 0.0), bears)
-    # The damper of the contact sees the speed of the tip against a plane at rest.
+    # MuJoCo sees the speed of the tip against a plane at rest: its spring would press by the depth
+    # at the end of the step, its damper with more than the soil bears.
     rate = -(tip.velocity[0] * n[0] + tip.velocity[1] * n[1] + tip.velocity[2] * n[2])
-    if rate > 0.0:
+    tip.sprung = 1.0
+    if rate > 0.0 and elastic > 0.0:
+        tip.sprung = elastic / (elastic + rate * step)
         c = min(max((bears - k * elastic) / rate, 0.0), c)
-    tip.damping = c
+    tip.damped = c / soil.damping_nspm
     tip.depth, tip.plastic, tip.elastic, tip.force = depth, plastic, elastic, force
     tip.sheared += way
     mobilised = max(1.0 - math.exp(-tip.sheared / soil.shear_m), _LEAST_MOBILISED)
@@ -605,8 +609,8 @@ def advance(mj_step: int, model: int, data: int, steps: int, qpos: np.ndarray,
             impedance = _IMPEDANCE * part
             rest = (1.0 - impedance) / (1.0 - _IMPEDANCE)
             pair_solimp[tip.pair, 0] = pair_solimp[tip.pair, 1] = impedance
-            pair_solref[tip.pair, 0] = tip.held[0] * rest
-            pair_solref[tip.pair, 1] = tip.held[1] * rest * tip.damping / soil.damping_nspm
+            pair_solref[tip.pair, 0] = tip.held[0] * rest * tip.sprung
+            pair_solref[tip.pair, 1] = tip.held[1] * rest * tip.damped
             pair_solreffriction[tip.pair, 1] = tip.held[1] * part
         if diverged:
             return made, True

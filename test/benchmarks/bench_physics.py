@@ -1,9 +1,10 @@
-"""How fast physics steps: `python test/benchmarks/bench_physics.py [--large]`.
+"""How fast physics steps: `python test/benchmarks/bench_physics.py [--large | --soft]`.
 
 Compares, side by side and interleaved so that other load hits all alike:
 - our state every 5 steps against the same steps in one `mj_step(m, d, n)` call;
 - the default world with its rocks against its ground alone;
-- with --large, a world of 100 times the cells (needs about 6 GB).
+- with --large, a world of 100 times the cells (needs about 6 GB);
+- with --soft, only this: physics with gait on `baseline`, on soft ground against rigid.
 Times are processor time of the one thread, the least of several rounds.
 """
 
@@ -21,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from physics_scene import make_world, rough_heights, simulate  # noqa: E402
 
 from lunar_rover_sim.physics.simulation import Simulation  # noqa: E402
+from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 from lunar_rover_sim.world.build import build_world  # noqa: E402
 from lunar_rover_sim.world.config import WorldConfig  # noqa: E402
 
@@ -55,11 +57,43 @@ def large_world(n: int):
     return make_world(np.tile(tile.astype(np.float32), (repeats, repeats))[:n, :n])
 
 
+def walk(scenario: Scenario, simulation: Simulation) -> np.ndarray:
+    """Return the seconds of each 0.1 s of a walk of 3 s with gait from the start on."""
+    controller, state, seconds = scenario.gait_controller(), simulation.reset(), []
+    for _ in range(30):
+        start = time.process_time()
+        for _ in range(20):
+            controller.set_velocity(0.12, 0.0)
+            legs = controller.update(state.stamp_ns, state.joint_angle_rad,
+                                     state.joint_velocity_radps)
+            simulation.command(legs.velocity_radps)
+            state = simulation.advance(5)
+        seconds.append(time.process_time() - start)
+    return np.array(seconds)
+
+
+def compare_grounds() -> None:
+    """Print how fast walks on rigid and soft ground are, by the least of each piece."""
+    scenarios = {model: Scenario.load('baseline', [f'physics_node.ground.model={model}'])
+                 for model in ('rigid', 'regolith')}
+    simulations = {model: scenario.simulation() for model, scenario in scenarios.items()}
+    least = {model: np.full(30, np.inf) for model in scenarios}
+    for _ in range(ROUNDS):
+        for model, scenario in scenarios.items():
+            least[model] = np.minimum(least[model], walk(scenario, simulations[model]))
+    rigid, soft = (3.0 / least[model].sum() for model in scenarios)
+    print(f'rigid {rigid:.1f}, soft {soft:.1f} x real time, soft over rigid {rigid / soft:.2f}')
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--large', action='store_true', help='a world of 100 times the cells')
+    parser.add_argument('--soft', action='store_true', help='soft against rigid ground only')
     args = parser.parse_args()
+    if args.soft:
+        compare_grounds()
+        return
     world = build_world(WorldConfig(), seed=1)
     bare = make_world(world.ground.heights_m, world.ground.cell_m)
     cases = {f'{world.ground.n}^2, {len(world.rocks)} rocks': simulate(world),
