@@ -49,7 +49,7 @@ class FrameTargets:
     Attributes:
         mesh_depth: Depth of the meshes of the ground [m], both images.
         ground: Framebuffers that it is drawn through, of the left and the right camera.
-        ground_depth, surface: The same of the ground itself.
+        ground_depth, surface: The same of the ground itself, in the rows where meshes do not do.
         lit: The same, of all that is lit.
         added: Of its radiance alone.
         views: The two cameras.

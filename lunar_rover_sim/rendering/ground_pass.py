@@ -26,6 +26,7 @@ from lunar_rover_sim.rendering.view import Window
 from lunar_rover_sim.world.model import World
 
 _MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
+_EXACT_MARGIN = 1.05      # of `exact_m`: skirts hang out of the boxes of their chunks
 _RELAXED = 1.5            # length of a step over the relief, over what its bounds of slopes allow
 _MESH_TRACKS = 0.85       # reach of the mesh of tracks, over that of the mesh at full resolution
 
@@ -102,14 +103,15 @@ class GroundRows:
 
     Attributes:
         first, last: The first one, and the one after the last.
-        middle: The first one below all coarse meshes.
-        tracks, shaded: The first one, and the one after the last, that may show tracks and the
-            rover's shadow.
+        own: The same of those where the ground has a depth of its own, not that of its meshes.
+        refined, tracks, shaded: The same of those where meshes are coarser than the grid, and of
+            those that may show tracks and the rover's shadow.
     """
 
     first: int = 0
-    middle: int = 0
     last: int = 0
+    own: tuple[int, int] = (0, 0)
+    refined: tuple[int, int] = (0, 0)
     tracks: tuple[int, int] = (0, 0)
     shaded: tuple[int, int] = (0, 0)
 
@@ -118,9 +120,7 @@ class GroundRows:
 
         needs: of `PixelKind`: 'refined', 'shaded', 'tracks'
         """
-        every = {'refined': (self.first, self.middle), 'shaded': self.shaded,
-                 'tracks': self.tracks}
-        spans = {name: every[name] for name in needs}
+        spans = {name: getattr(self, name) for name in needs}
         cuts = sorted({self.first, self.last, *(row for span in spans.values() for row in span
                                                 if self.first < row < self.last)})
         return [(top, bottom, {name: first <= top < end for name, (first, end) in spans.items()})
@@ -254,15 +254,26 @@ class GroundPass:
         finest = chosen.levels[0]
         coarse = finest.boxes[finest.chunks[:, 2] > 1.0]
         middle = projection.covered_rows(coarse, T_world_camera)[1] if len(coarse) else first
+        near = self._not_beyond_exact(chosen.boxes, T_world_camera)
+        top = projection.covered_rows(near, T_world_camera)[0] if len(near) else middle
+        refined = (max(first, top), max(first, middle))
+        # Blocks of 2 x 2 pixels, which derivatives are of, see one texture.
+        own = ((first, last) if self._relief is not None
+               else (refined[0] // 2 * 2, (refined[1] + 1) // 2 * 2))
         tracks = (0, 0)
         if chosen.tracks is not None:
             tracks = projection.covered_rows(chosen.tracks.boxes, T_world_camera)
         shadow = projection.covered_rows(shaded, T_world_camera) if len(shaded) else (0, 0)
-        return GroundRows(first, max(first, middle), last, tracks, shadow)
+        return GroundRows(first, last, own, refined, tracks, shadow)
+
+    def _not_beyond_exact(self, boxes: Array, T_world_camera: Array) -> Array:
+        """Return those of (m, 2, 3) boxes in which rays may be intersected with the ground."""
+        ahead = ((boxes - T_world_camera[:3, 3]) * T_world_camera[:3, 2]).min(axis=1).sum(axis=1)
+        return boxes[ahead < _EXACT_MARGIN * self._detail.exact_m]
 
     def draw_surface(self, target: moderngl.Framebuffer, window: Window, rows: GroundRows,
                      mesh_depth: moderngl.Texture) -> None:
-        """Draw the depth of the ground itself, from that of its meshes.
+        """Draw the depth of the ground itself, where it is not that of its meshes.
 
         Args:
             target: With the depth buffer that the meshes were drawn with.
@@ -273,21 +284,24 @@ class GroundPass:
         context.enable_only(context.NOTHING if self._relief is None else context.DEPTH_TEST)
         context.depth_func = '1'
         target.use()
-        for top, bottom, needs in rows.parts('refined', 'tracks'):
+        for top, bottom, needs in rows.parts('own', 'refined', 'tracks'):
+            if not needs.pop('own'):
+                continue
             target.viewport = (window[0], window[1] + top, window[2], bottom - top)
             self._draw_screen(PixelKind(surface=True, **needs), mesh_depth)
         context.depth_func = '<'
 
     def draw(self, target: moderngl.Framebuffer, window: Window, rows: GroundRows,
-             ground_depth: moderngl.Texture, *, lit: bool, add: bool = False,
-             truth: bool = False, craters: CraterMap | None = None) -> None:
+             mesh_depth: moderngl.Texture, ground_depth: moderngl.Texture, *, lit: bool,
+             add: bool = False, truth: bool = False, craters: CraterMap | None = None) -> None:
         """Light the pixels that the meshes cover, or with `lit` false, only compute their depth.
 
         Args:
             add: Whether to add to the present radiance.
             target: With the depth buffer that the meshes were drawn with.
             rows: See `rows`.
-            ground_depth: Of the ground itself.
+            mesh_depth, ground_depth: Of the meshes; of the ground itself, where `draw_surface` has
+                drawn it.
             truth: Whether to draw that too, into the attachments of `TruthTargets`; that of light
                 needs `lit`.
             craters: None if their numbers are not asked for.
@@ -295,23 +309,24 @@ class GroundPass:
         # Depth rejects blocks of pixels of the sky before they are computed.
         enable(self._context, self._context.DEPTH_TEST, add=add)
         self._context.depth_func = '>'
-        for top, bottom, needs in rows.parts(*(('shaded',) if lit else ()), 'tracks'):
+        for top, bottom, needs in rows.parts(*(('shaded',) if lit else ()), 'own', 'tracks'):
             target.viewport = (window[0], window[1] + top, window[2], bottom - top)
+            depth = ground_depth if needs.pop('own') else mesh_depth
             kind = PixelKind(lit=lit, truth=truth, **needs)
             if truth:
                 set_uniform(self._programs[kind], u_crater_texel=(0.0, 0.0))
                 if craters is not None:
                     craters.bind(self._programs[kind])
-            self._draw_screen(kind, ground_depth)
+            self._draw_screen(kind, depth)
         self._context.depth_func = '<'
 
-    def _draw_screen(self, kind: PixelKind, ground_depth: moderngl.Texture) -> None:
+    def _draw_screen(self, kind: PixelKind, depth: moderngl.Texture) -> None:
         program = self._programs[kind]
         if not kind.surface:
             self._surface.bind(program)
         if self._relief is not None:
             self._relief.bind(program)
-        ground_depth.use(texture_units.GROUND_DEPTH)
+        depth.use(texture_units.GROUND_DEPTH)
         set_uniform(program, u_depth=texture_units.GROUND_DEPTH)
         if self._tracks is not None and kind.tracks:
             self._tracks.bind(program)

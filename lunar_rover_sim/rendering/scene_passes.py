@@ -230,9 +230,9 @@ class ScenePasses(GlOwner):
                 clear_window(target, window)
             target.use()
             source.rover_shadow.bind()
-            source.ground.draw(target, window, drawing.rows[number], targets.ground_depth,
-                               lit=lit, add=number > 0, truth=bool(wanted) and number == 0,
-                               craters=craters)
+            source.ground.draw(target, window, drawing.rows[number], targets.mesh_depth,
+                               targets.ground_depth, lit=lit, add=number > 0,
+                               truth=bool(wanted) and number == 0, craters=craters)
             target.depth_mask = True
 
     @staticmethod

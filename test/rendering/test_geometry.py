@@ -364,7 +364,7 @@ def test_chunks_tile_the_ground_outside_the_finer_grid() -> None:
 
 def test_rows_by_what_they_need() -> None:
     """Spans cover the ground's rows once, each with all that any of its rows needs."""
-    rows = GroundRows(first=10, middle=60, last=100, tracks=(70, 120), shaded=(90, 95))
+    rows = GroundRows(first=10, last=100, refined=(10, 60), tracks=(70, 120), shaded=(90, 95))
 
     def parts(*needs: str) -> list[tuple[int, int, list[str]]]:
         return [(top, bottom, [name for name, has in found.items() if has])
