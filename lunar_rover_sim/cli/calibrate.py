@@ -39,8 +39,11 @@ def run(args: argparse.Namespace) -> int:
     with Progress('walking') as progress:
         table = gait_measurement.measure(settings, rates, turns, args.workers, progress)
     table.save(args.output)
+    made = len(table.phase_rates_hz)
+    if made < len(rates):
+        say(f'phase rates from {rates[made]:g} Hz on are left out: the rover tips over')
     ahead, spot = [row[0] for row in table.forward_mps], [row[-1] for row in table.yaw_rate_radps]
-    say(f'{args.output}: {len(rates)} phase rates, {len(turns)} turns; straight on'
+    say(f'{args.output}: {made} phase rates, {len(turns)} turns; straight on'
         f' {ahead[0]:.3f} to {ahead[-1]:.3f} m/s, on the spot {spot[0]:.3f} to'
         f' {spot[-1]:.3f} rad/s')
     say(f'use it: --set gait_controller_node.calibration={args.output.resolve()}')

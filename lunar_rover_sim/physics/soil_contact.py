@@ -23,12 +23,10 @@ import numpy as np
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import ContactConfig
-from lunar_rover_sim.regolith.soil import Soil
+from lunar_rover_sim.regolith.soil import IMPEDANCE, PARKED_M, Soil
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mjcf import CHASSIS_GEOM, GROUND_BIT, ROCK_BIT, ROVER_PRIORITY, tip_geom
 
-IMPEDANCE = 0.18
-PARKED_M = -1e4           # height of the plane of a tip that is in the air
 # Of the chassis. A ball whose centre is in the ground is pushed sideways, as in `contact.py`. Its
 # contact becomes nearly rigid one tip radius deep, well before that.
 BALL_RADIUS_M, BALL_SPACING_M = 0.014, 0.1

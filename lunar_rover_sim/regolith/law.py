@@ -52,12 +52,12 @@ from numba.extending import intrinsic
 import numpy as np
 
 from lunar_rover_sim.compiled import compiled
+from lunar_rover_sim.regolith.soil import IMPEDANCE, PARKED_M
 
 # What a step left to be done: nothing, a print to be pressed in, a tip that left its print, and a
 # tip whose motion has diverged.
 NOTHING, PRINT, LEFT, DIVERGED = 0, 1, 2, 3
 
-_PARKED_M = -1e4         # as `physics/soil_contact.py` has it
 _NEAR_M = 0.002          # a tip this low is about to touch down
 _ONSET_M = 0.0002        # elastic depth over which damper and carried mass grow from 0
 _CREEP_MPS = 1e-4        # of the speed of a tip, this is creep of MuJoCo's solver, not slip
@@ -69,7 +69,6 @@ _MOST_LEAN = 2.0         # of the rod [tan]
 _PRINT_DEPTH_M, _PRINT_WAY_M = 0.0005, 0.004    # a print is pressed in after so much motion
 _BISECTIONS = 42         # halve a bracket of 0.1 m to the last digits of a float
 _CELL_M, _TILE = 0.005, 20      # as `regolith/overlay.py` has them
-_IMPEDANCE = 0.18                # as `physics/soil_contact.py` has it
 
 Record = Any    # of a structured array; compiled code reads its fields as attributes
 VECTOR = (np.float64, 3)
@@ -592,7 +591,7 @@ def advance(mj_step: int, model: int, data: int, steps: int, qpos: np.ndarray,
                 diverged = diverged or tip.event == DIVERGED
             plane = mocap_pos[tip.mocap]
             if not tip.in_ground:
-                plane[0], plane[1], plane[2] = 0.0, 0.0, _PARKED_M
+                plane[0], plane[1], plane[2] = 0.0, 0.0, PARKED_M
                 continue
             slipped[tip.leg] += tip.sheared - sheared
             n, turn = tip.normal, mocap_quat[tip.mocap]
@@ -606,8 +605,8 @@ def advance(mj_step: int, model: int, data: int, steps: int, qpos: np.ndarray,
             # Spring and damper stay what they are while the carried mass grows; shear, which is
             # far stiffer, grows with that mass. `physics/soil_contact.py` has the formulas.
             part = onset(tip.elastic)
-            impedance = _IMPEDANCE * part
-            rest = (1.0 - impedance) / (1.0 - _IMPEDANCE)
+            impedance = IMPEDANCE * part
+            rest = (1.0 - impedance) / (1.0 - IMPEDANCE)
             pair_solimp[tip.pair, 0] = pair_solimp[tip.pair, 1] = impedance
             pair_solref[tip.pair, 0] = tip.held[0] * rest * tip.sprung
             pair_solref[tip.pair, 1] = tip.held[1] * rest * tip.damped

@@ -25,6 +25,8 @@ from lunar_rover_sim.regolith.resistive_force import (GENERIC, POPPY_CLOSE, POPP
                                                       ResistiveForce)
 
 MOON, EARTH = 1.62, 9.81
+IMPEDANCE = 0.18        # of MuJoCo's contact of a tip: `physics/soil_contact.py` says why
+PARKED_M = -1e4         # height of the plane of a tip that is in the air
 
 
 @dataclasses.dataclass(frozen=True)

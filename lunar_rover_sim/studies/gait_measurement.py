@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.conditions import ground_conditions, rover_conditions
 from lunar_rover_sim.gait.config import GaitConfig
@@ -16,6 +17,7 @@ from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.gait.stride import Stride
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.physics.tip_over import TIPPED_DEG
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.studies.parallel import map_in_processes
 from lunar_rover_sim.studies.walking import flat_world, STATE_PERIOD_S, walk
@@ -56,10 +58,10 @@ class MeasurementSettings:
 
 
 def measure_stride(simulation: Simulation, gait: GaitConfig, stride: Stride,
-                   measure_s: float = MEASURE_S) -> tuple[float, float]:
+                   measure_s: float = MEASURE_S) -> tuple[float, float] | None:
     """Return the mean velocity [m/s, rad/s] of a stride, over whole cycles after the start.
 
-    It is measured for `measure_s`, and for at least four cycles.
+    It is measured for `measure_s`, and for at least four cycles. None: the rover tips over.
     """
     rate = stride.phase_rate_hz
     skip_s = max(SKIP_S, SKIP_CYCLES / rate)
@@ -68,6 +70,8 @@ def measure_stride(simulation: Simulation, gait: GaitConfig, stride: Stride,
     recorded = walk(simulation, GaitController(gait, legs=simulation.rover.legs),
                     end_s + STATE_PERIOD_S,
                     lambda controller, stamp_ns: controller.set_stride(stride, stamp_ns))
+    if recorded.tilt_deg().max() > TIPPED_DEG:
+        return None
     return recorded.mean_velocity(skip_s, end_s)
 
 
@@ -76,26 +80,37 @@ def measure(settings: MeasurementSettings, rates_hz: Sequence[float] = FINE[0],
             progress: Callable[[int, int], object] = lambda done, total: None) -> GaitCalibration:
     """Walk every stride of a table on flat ground, turning left and right; return the table.
 
-    Left and right are averaged: a trot begins with one diagonal and is not symmetric. Raises
-    PhysicsError if a walk cannot be simulated, ConfigError if the rover does not walk forward and
-    turn.
+    Left and right are averaged: a trot begins with one diagonal and is not symmetric. The table
+    ends below the slowest phase rate at which the rover tips over.
 
     Args:
-        rates_hz, turns: Phase rates [Hz] and turns of the table.
+        rates_hz, turns: Phase rates [Hz], increasing, and turns of the table.
         workers: Processes that share the walks; their number does not change the result.
         progress: Called after each walk with the number of walks done, and of all.
+
+    Raises:
+        PhysicsError: If a walk cannot be simulated.
+        StudyError: If the rover tips over at every phase rate.
+        ConfigError: If it does not walk forward and turn.
     """
     strides = [Stride.turning(rate, sign * turn) for rate in rates_hz for turn in turns
                for sign in ((1.0, -1.0) if turn else (1.0,))]
     results = dict(zip(strides, map_in_processes(
         functools.partial(_measure_one, settings), strides, workers,
         lambda _, done, total: progress(done, total))))
+    tips = [stride.phase_rate_hz for stride, velocity in results.items() if velocity is None]
+    rates_hz = [rate for rate in rates_hz if rate < min(tips, default=math.inf)]
+    if not rates_hz:
+        raise StudyError(f'the rover tips over at a phase rate of {min(tips):g} Hz, the slowest '
+                         'of the table')
     forward = np.zeros((len(rates_hz), len(turns)))
     yaw_rate = np.zeros_like(forward)
     for i, rate in enumerate(rates_hz):
         for k, turn in enumerate(turns):
             left = results[Stride.turning(rate, turn)]
+            assert left is not None
             right = results[Stride.turning(rate, -turn)] if turn else (left[0], -left[1])
+            assert right is not None
             forward[i, k] = 0.5 * (left[0] + right[0])
             yaw_rate[i, k] = 0.5 * (left[1] - right[1])
     rover, physics, gait = settings.rover, settings.physics, settings.gait
@@ -107,7 +122,7 @@ def measure(settings: MeasurementSettings, rates_hz: Sequence[float] = FINE[0],
          **rover_conditions(rover)})
 
 
-def _measure_one(settings: MeasurementSettings, stride: Stride) -> tuple[float, float]:
+def _measure_one(settings: MeasurementSettings, stride: Stride) -> tuple[float, float] | None:
     with settings.simulation() as simulation:
         return measure_stride(simulation, settings.gait, stride, settings.measure_s)
 

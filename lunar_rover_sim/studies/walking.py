@@ -47,6 +47,11 @@ class Walk:
         return np.column_stack([step[:, 0] * c + step[:, 1] * s, step[:, 1] * c - step[:, 0] * s,
                                 np.diff(yaw)])
 
+    def tilt_deg(self) -> NDArray[np.float64]:
+        """Return (n,) angles between the z axes of base and world [deg]."""
+        cosine = np.cos(self.rpy_rad[:, 0]) * np.cos(self.rpy_rad[:, 1])
+        return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
     def mean_velocity(self, from_s: float, to_s: float) -> tuple[float, float]:
         """Return the mean forward speed [m/s] and yaw rate [rad/s] between two times."""
         chosen = np.flatnonzero((self.time_s >= from_s - 1e-9) & (self.time_s <= to_s + 1e-9))

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
@@ -96,6 +97,14 @@ def test_a_table_is_measured_and_the_workers_do_not_matter():
     assert one.forward_mps[0][0] == pytest.approx(0.13, rel=0.1)
     assert 0.2 < one.yaw_rate_radps[0][1] < 1.0
     assert one.conditions['gravity_mps2'] == 1.62 and one.conditions['ground'] == 'rigid'
+
+
+def test_a_table_ends_below_the_phase_rate_at_which_the_rover_tips_over():
+    # At a sixteenth of the Moon's gravity the motors throw it on its back.
+    settings = MeasurementSettings(physics=PhysicsConfig(gravity_mps2=0.1), measure_s=1.0)
+    assert measure(settings, (0.5, 2.2), (0.0, 1.0)).phase_rates_hz == (0.5,)
+    with pytest.raises(StudyError, match='tips over at a phase rate of 2.2 Hz, the slowest'):
+        measure(settings, (2.2,), (0.0, 1.0))
 
 
 def test_the_bounds_of_command_tracking():
