@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.world.relief import smoothstep
 
 _SUN_RADIUS_RAD = math.radians(0.5 * 0.533)        # nominal; what a date changes is not seen
 
@@ -46,8 +47,7 @@ class Ghost:
         """
         angle = math.degrees(math.acos(min(1.0, max(-1.0, float(direction[2])))))
         low, high = self.cut_deg
-        x = min(1.0, max(0.0, (angle - low) / (high - low)))
-        return self.share * (1.0 - x * x * (3.0 - 2.0 * x))
+        return self.share * float(smoothstep((high - angle) / (high - low)))
 
     def half_edge_px(self, focal_px: float) -> float:
         """Return half the width of the edge [px].
@@ -70,9 +70,8 @@ class Ghost:
         R + e, has the area pi (R^2 + e^2 / 5).
         """
         radius, edge = self.radius * focal_px, self.half_edge_px(focal_px)
-        x = np.clip((np.asarray(distance_px) - radius + edge) / (2.0 * edge), 0.0, 1.0)
-        falling = 1.0 - x * x * (3.0 - 2.0 * x)
-        return np.asarray(falling / (math.pi * (radius**2 + edge**2 / 5.0)))
+        falling = smoothstep((radius + edge - np.asarray(distance_px)) / (2.0 * edge))
+        return falling / (math.pi * (radius**2 + edge**2 / 5.0))
 
 
 # By test/traced_lens.py, with the sun 8 degrees from the axis.

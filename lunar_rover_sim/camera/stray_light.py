@@ -16,6 +16,7 @@ from lunar_rover_sim.camera.image_geometry import ImageGeometry
 from lunar_rover_sim.camera.lens import Glare, Lens
 from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.world.relief import smoothstep
 
 F32 = NDArray[np.float32]
 
@@ -131,8 +132,7 @@ class StrayLight:
 def _nearby(places_px: Array, sun_px: Array) -> Array:
     """Return the share of the scattered light at places that is computed pixel by pixel."""
     low, high = _NEAR_PX
-    x = np.clip((np.linalg.norm(places_px - sun_px, axis=-1) - low) / (high - low), 0.0, 1.0)
-    return np.asarray(1.0 - x * x * (3.0 - 2.0 * x))
+    return smoothstep((high - np.linalg.norm(places_px - sun_px, axis=-1)) / (high - low))
 
 
 @compiled

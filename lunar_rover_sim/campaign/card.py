@@ -161,13 +161,9 @@ def markdown(card: dict[str, Any]) -> str:
     for name, summary in card['statistics'].items():
         cells = [number(summary.get(key)) for key in ('mean', 'min', 'max', 'total')]
         lines.append(f'| {name} | {" | ".join(cells)} | {card["meanings"][name]} |')
-    lines += ['', '## What varies', '', '| parameter | distribution |', '|---|---|']
-    lines += [f'| `{_cell(name)}` | `{_cell(str(how))}` |'
-              for name, how in campaign.get('vary', {}).items()]
+    lines += _parameters('What varies', 'distribution', campaign.get('vary', {}))
     if campaign.get('settings'):
-        lines += ['', '## What is set in all episodes', '', '| parameter | value |', '|---|---|']
-        lines += [f'| `{_cell(name)}` | `{_cell(str(value))}` |'
-                  for name, value in campaign['settings'].items()]
+        lines += _parameters('What is set in all episodes', 'value', campaign['settings'])
     lines += ['', '## Limits', '',
               'Images are rendered, not photographed. Semi-global matching leaves holes and errors'
               ' on purpose; ground truth has none. Slip and penetration follow a contact model,'
@@ -183,6 +179,12 @@ def number(value: object) -> str:
     if isinstance(value, float):
         return f'{value:.4g}' if abs(value) < 1e5 else f'{value:.5g}'
     return '' if value is None else str(value)
+
+
+def _parameters(title: str, column: str, values: dict[str, Any]) -> list[str]:
+    """Return a section with a table of parameters."""
+    return ['', f'## {title}', '', f'| parameter | {column} |', '|---|---|',
+            *(f'| `{_cell(name)}` | `{_cell(str(value))}` |' for name, value in values.items())]
 
 
 def _cell(text: str) -> str:

@@ -12,7 +12,6 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +24,7 @@ from lunar_rover_sim.seconds import in_seconds
 from lunar_rover_sim.sequences.sensor_samples import (cloud_rows, CLOUDS, KEPT_NS, LATE_NS,
                                                       RecentMessages)
 from lunar_rover_sim.sequences.sequence import numbers, PngWriter, PosedSequence
+from lunar_rover_sim.stereo.points import grey
 
 _FULL_PERCENT = 100.0       # a reflectance of 1
 _POSES = ''                 # the only topic of its kind
@@ -140,15 +140,15 @@ class KittiSequence(PosedSequence):
             image = pixels[topic.name]
             if image.ndim == 3:
                 self._write_image(2 + side, image)
-                image = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-            self._write_image(side, image)
+            self._write_image(side, grey(image))
         if self._velodyne is not None:
             self._velodyne.image(stamp_ns)
         self.taken(stamp_ns)
 
     def _write_image(self, camera: int, image: NDArray[Any]) -> None:
         folder = self.folder / f'image_{camera}'
-        folder.mkdir(exist_ok=True)
+        if not self.count:
+            folder.mkdir()
         self.png.write(folder / f'{self.count:06d}.png', image)
 
     def data(self, topic: str, stamp_ns: int, message: Any) -> None:

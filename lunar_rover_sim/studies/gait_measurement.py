@@ -98,7 +98,8 @@ def measure(settings: MeasurementSettings, rates_hz: Sequence[float] = FINE[0],
     results = dict(zip(strides, map_in_processes(
         functools.partial(_measure_one, settings), strides, workers,
         lambda _, done, total: progress(done, total))))
-    tips = [stride.phase_rate_hz for stride, velocity in results.items() if velocity is None]
+    walked = {stride: velocity for stride, velocity in results.items() if velocity is not None}
+    tips = [stride.phase_rate_hz for stride in results if stride not in walked]
     rates_hz = [rate for rate in rates_hz if rate < min(tips, default=math.inf)]
     if not rates_hz:
         raise StudyError(f'the rover tips over at a phase rate of {min(tips):g} Hz, the slowest '
@@ -107,10 +108,8 @@ def measure(settings: MeasurementSettings, rates_hz: Sequence[float] = FINE[0],
     yaw_rate = np.zeros_like(forward)
     for i, rate in enumerate(rates_hz):
         for k, turn in enumerate(turns):
-            left = results[Stride.turning(rate, turn)]
-            assert left is not None
-            right = results[Stride.turning(rate, -turn)] if turn else (left[0], -left[1])
-            assert right is not None
+            left = walked[Stride.turning(rate, turn)]
+            right = walked[Stride.turning(rate, -turn)] if turn else (left[0], -left[1])
             forward[i, k] = 0.5 * (left[0] + right[0])
             yaw_rate[i, k] = 0.5 * (left[1] - right[1])
     rover, physics, gait = settings.rover, settings.physics, settings.gait

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.frames import rpy_from_wxyz
+from lunar_rover_sim.frames import rpy_from_wxyz, tilt_deg, wxyz_from_rpy
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
@@ -49,8 +49,7 @@ class Walk:
 
     def tilt_deg(self) -> NDArray[np.float64]:
         """Return (n,) angles between the z axes of base and world [deg]."""
-        cosine = np.cos(self.rpy_rad[:, 0]) * np.cos(self.rpy_rad[:, 1])
-        return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        return tilt_deg(wxyz_from_rpy(*self.rpy_rad.T).T)
 
     def mean_velocity(self, from_s: float, to_s: float) -> tuple[float, float]:
         """Return the mean forward speed [m/s] and yaw rate [rad/s] between two times."""
