@@ -8,8 +8,7 @@ import re
 
 import pytest
 
-from lunar_rover_sim.camera.compression_config import CompressionConfig
-from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
+from lunar_rover_sim.camera.config import CameraConfig, CompressionConfig, SensorConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import LampConfig, SunConfig

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.camera.compression_config import CompressionConfig
+from lunar_rover_sim.camera.config import CompressionConfig
 from lunar_rover_sim.camera.encoding import encoding_of
 from lunar_rover_sim.errors import RenderError
 

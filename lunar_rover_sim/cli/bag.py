@@ -32,8 +32,8 @@ from lunar_rover_sim.inspection.report import Status
 from lunar_rover_sim.inspection.summary import missing_tf
 from lunar_rover_sim.run.companion_config import VIEW_PORT
 from lunar_rover_sim.seconds import EPOCH_NS, NS_PER_S
-from lunar_rover_sim.sequences.export import export, FORMATS, WEBDATASET
-from lunar_rover_sim.sequences.left_out import hazards_left_out, sensors_left_out
+from lunar_rover_sim.sequences.export import (export, FORMATS, hazards_left_out, sensors_left_out,
+                                              WEBDATASET)
 from lunar_rover_sim.sequences.shards import DEFAULT_SIZE
 from lunar_rover_sim.sequences.webdataset import ShardOptions
 from lunar_rover_sim.usd.names import stage_bytes

@@ -10,7 +10,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.totals import simulated_end_ns
 from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.run.live_map import map_pages
+from lunar_rover_sim.run.live_page import map_pages
 from lunar_rover_sim.run.live_view import LiveView
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.run.transforms import OdometryTransforms, transforms_of

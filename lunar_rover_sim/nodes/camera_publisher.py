@@ -22,9 +22,9 @@ from lunar_rover_sim.camera.mosaic import shown
 from lunar_rover_sim.camera.mount import BodyMount, Mount
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.nodes import conversions, image_conversions, qos
+from lunar_rover_sim.nodes.image_conversions import (detections, label_info, vision_info,
+                                                     vision_messages)
 from lunar_rover_sim.nodes.message_types import message_class
-from lunar_rover_sim.nodes.vision_conversions import (detections, label_info, vision_info,
-                                                      vision_messages)
 from lunar_rover_sim.rendering import layer_pictures
 from lunar_rover_sim.rendering.instances import instances
 from lunar_rover_sim.rendering.labels import class_names, vocabulary

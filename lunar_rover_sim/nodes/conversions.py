@@ -1,7 +1,7 @@
 """Conversions between core classes and ROS 2 messages of states and commands.
 
 Images, camera infos, and the clouds of stereo and ground are in `image_conversions`, LiDAR clouds
-and scans in `lidar_node`, boxes and labels in `vision_conversions`, sensors on request in
+and scans in `lidar_node`, boxes and labels in `image_conversions`, sensors on request in
 `requested_sensors`. The publishers of sun and diagnostics, and slam_node, fill theirs themselves.
 
 Quaternions are wxyz in the core and xyzw in messages. The `fill_` functions write every field that

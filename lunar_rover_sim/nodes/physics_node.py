@@ -12,7 +12,6 @@ from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
-from lunar_rover_sim.nodes.ground_publisher import GroundPublisher
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.own_world import load_own_world
 from lunar_rover_sim.nodes.pacing import Stepping, WallPace
@@ -20,7 +19,7 @@ from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.requested_sensors import RequestedSensors
-from lunar_rover_sim.nodes.state_publisher import StatePublisher
+from lunar_rover_sim.nodes.state_publisher import GroundPublisher, StatePublisher
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.rover_file import load_rover

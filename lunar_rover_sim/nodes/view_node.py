@@ -22,7 +22,7 @@ from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.run.companion_config import ViewNodeConfig
-from lunar_rover_sim.run.live_map import map_pages
+from lunar_rover_sim.run.live_page import map_pages
 from lunar_rover_sim.run.live_view import HOST, LiveView
 from lunar_rover_sim.run.transforms import OdometryTransforms, transforms_of
 from lunar_rover_sim.world.world_folder import load_world

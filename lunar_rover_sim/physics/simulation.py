@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import collections
 import dataclasses
+import logging
 import numbers
+import re
 from types import TracebackType
 
 import mujoco
@@ -11,15 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.arguments import brief
-from lunar_rover_sim.errors import ConfigError, PhysicsError
-from lunar_rover_sim.frames import matrix_from_wxyz, tilt_deg
-from lunar_rover_sim.physics.config import PhysicsConfig
-from lunar_rover_sim.physics.divergence import catch_warnings, diagnosis
+from lunar_rover_sim.errors import ConfigError, one_line, PhysicsError
+from lunar_rover_sim.frames import Array, matrix_from_wxyz, tilt_deg, wxyz_from_matrix
+from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.foot_motion import FootMotion, FootObserver
 from lunar_rover_sim.physics.model import build_model
 from lunar_rover_sim.physics.observation import Observer
-from lunar_rover_sim.physics.placement import place
-from lunar_rover_sim.physics.relocation import relocate
 from lunar_rover_sim.physics.soft_ground import GroundContact, SoftGround
 from lunar_rover_sim.physics.soil_contact import set_soil
 from lunar_rover_sim.physics.state import RoverState
@@ -27,6 +27,7 @@ from lunar_rover_sim.regolith.looseness import soil_map
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mjcf import BASE_BODY
+from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
 
 MAX_SPEED = 100.0  # [m/s] and [rad/s]: nothing on this rover moves faster unless it diverges
@@ -270,3 +271,166 @@ class Simulation:
             raise PhysicsError(f'at {self.time_ns * 1e-9:.3f} s base_link left the ground at'
                                f' x = {x:.2f} m, y = {y:.2f} m; the ground ends at'
                                f' {limit:.2f} m')
+
+
+logger = logging.getLogger(__name__)
+
+_texts: collections.deque[str] = collections.deque(maxlen=16)
+
+
+def catch_warnings() -> None:
+    """Send MuJoCo's warnings to the log, unless a handler is set already, and forget old ones.
+
+    By default MuJoCo writes them to the terminal and to a file MUJOCO_LOG.TXT.
+    """
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(_take)
+    _texts.clear()
+
+
+def diagnosis(model: mujoco.MjModel, data: mujoco.MjData, time_s: float) -> str:
+    """Return one line that names the time and the body at which a simulation diverged.
+
+    They are those of MuJoCo's first warning; without a warning, the body is the fastest one.
+    """
+    text = _texts[0] if _texts else ''
+    found = re.search(r'DOF (\d+).*Time = (\d+\.\d+)', text)
+    speed = np.abs(np.nan_to_num(data.qvel, nan=np.inf))
+    if found:
+        dof, time_s = int(found.group(1)), float(found.group(2))
+    else:
+        dof = int(np.argmax(speed))
+    body = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY,
+                             int(model.dof_bodyid[min(dof, model.nv - 1)]))
+    reason = f'; MuJoCo: {text}' if text else f' (speed {speed.max():.3g})'
+    return (f'the simulation diverged at {time_s:.3f} s in body {body}{reason}; use a shorter'
+            ' step_s or a softer contact')
+
+
+def _take(text: str) -> None:
+    line = one_line(text)
+    _texts.append(line)
+    logger.debug('MuJoCo: %s', line)
+
+
+# A pose that lies deeper in the ground is refused: contact would throw the rover out.
+MAX_DEPTH_M = 0.003
+MAX_GIVEN_SPEED = 10.0    # [m/s] and [rad/s]
+
+
+def relocate(model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid,
+             position_m: ArrayLike | None, orientation_wxyz: ArrayLike | None,
+             linear_mps: ArrayLike | None, angular_radps: ArrayLike | None) -> None:
+    """Write pose (world frame) and velocity (world axes) of base_link into `data`.
+
+    What is None stays, and so do the legs.
+
+    Raises:
+        PhysicsError: If that is not a pose above the ground with the legs free of it, or a
+            velocity of MAX_GIVEN_SPEED and more; nothing is changed then.
+    """
+    qpos, qvel = data.qpos.copy(), data.qvel.copy()
+    if position_m is not None:
+        qpos[:3] = _finite('position', position_m, 3)
+    if orientation_wxyz is not None:
+        qpos[3:7] = _finite('orientation', orientation_wxyz, 4)
+    norm = float(np.linalg.norm(qpos[3:7]))
+    if abs(norm - 1.0) > 1e-3:
+        raise PhysicsError(f'orientation: {qpos[3:7].tolist()} is not valid; valid is a unit '
+                           'quaternion')
+    qpos[3:7] /= norm
+    x, y, z = qpos[:3].tolist()
+    if max(abs(x), abs(y)) > ground.half_extent_m:
+        raise PhysicsError(f'position: x = {x:g} m, y = {y:g} m is not on the ground; it ends at '
+                           f'{ground.half_extent_m:g} m')
+    if linear_mps is not None:
+        qvel[:3] = _finite('linear velocity', linear_mps, 3)
+    if angular_radps is not None:
+        qvel[3:6] = _finite('angular velocity', angular_radps, 3) @ matrix_from_wxyz(qpos[3:7])
+    if max(np.linalg.norm(qvel[:3]), np.linalg.norm(qvel[3:6])) >= MAX_GIVEN_SPEED:
+        raise PhysicsError(f'velocity: {qvel[:6].tolist()} is not valid; valid is less than '
+                           f'{MAX_GIVEN_SPEED:g} m/s and rad/s')
+    before = data.qpos.copy()
+    data.qpos[:] = qpos
+    mujoco.mj_fwdPosition(model, data)
+    depth_m = max(-float(np.min(data.contact.dist, initial=0.0)),
+                  ground.height_at_point(x, y) - z)
+    if depth_m > MAX_DEPTH_M:
+        data.qpos[:] = before
+        mujoco.mj_fwdPosition(model, data)
+        raise PhysicsError(f'position: x = {x:.3f} m, y = {y:.3f} m, z = {z:.3f} m lies '
+                           f'{depth_m:.3f} m in the ground or in a rock; raise it')
+    data.qvel[:] = qvel
+    mujoco.mj_forward(model, data)
+
+
+def _finite(name: str, values: ArrayLike, count: int) -> Array:
+    array = np.asarray(values, dtype=float)
+    if array.shape != (count,) or not np.isfinite(array).all():
+        raise PhysicsError(f'{name}: {brief(values)} is not valid; valid is {count} finite '
+                           'numbers')
+    return array
+
+
+CLEARANCE_M = 0.001
+MARGIN_M = 1.0   # least distance of the start from the border of the ground
+RAISE_M = 0.005  # step by which the rover is raised until it touches nothing
+
+
+def place(model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid, rover: RoverDescription,
+          start: StartPose) -> None:
+    """Put the rover at the start pose, clear of the ground and of rocks; writes `data.qpos`.
+
+    Raises:
+        ConfigError: If the start is not on the ground, or if there is no room for the rover.
+    """
+    limit = ground.half_extent_m - MARGIN_M
+    for name, value in (('start.x_m', start.x_m), ('start.y_m', start.y_m)):
+        if abs(value) > limit:
+            raise ConfigError(f'{name}: {value} is not valid; valid is -{limit:g} to {limit:g} [m]'
+                              ' on this world')
+    rotation = _level_rotation(ground, rover, start)
+    data.qpos[:3] = start.x_m, start.y_m, 0.0
+    data.qpos[3:7] = wxyz_from_matrix(rotation)
+    legs = len(rover.legs.each)
+    if len(start.joint_angle_rad) not in (1, legs):
+        raise ConfigError(f'start.joint_angle_rad: {len(start.joint_angle_rad)} elements given; '
+                          f'valid is one for all legs, or {legs}')
+    data.qpos[7:7 + legs] = start.joint_angle_rad
+    data.qvel[:] = 0.0
+    mujoco.mj_kinematics(model, data)
+    # The tips; soft ground has balls on the chassis, too.
+    on_legs = model.geom_bodyid > mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
+    spheres = np.flatnonzero(on_legs & (model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE))
+    centres = data.geom_xpos[spheres]
+    lowest = centres[:, 2] - model.geom_size[spheres, 0]
+    # Steep ground touches a sphere beside its lowest point: look at a disc below each.
+    offsets = model.geom_size[spheres, 0].max() * _DISC
+    under = ground.height_at(centres[:, None, :2] + offsets)
+    data.qpos[2] = np.max(under.max(axis=1) - lowest) + CLEARANCE_M
+    for _ in range(400):
+        mujoco.mj_fwdPosition(model, data)
+        if data.ncon == 0:
+            return
+        data.qpos[2] += RAISE_M
+    raise ConfigError(f'start: no room for the rover at x_m = {start.x_m}, y_m = {start.y_m}')
+
+
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+_DISC = np.concatenate([np.zeros((1, 2)), np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], -1)])
+
+
+def _level_rotation(ground: HeightGrid, rover: RoverDescription, start: StartPose) -> Array:
+    """Return R_world_base whose z axis is the normal of the plane through the footholds."""
+    yaw = np.radians(start.yaw_deg)
+    forward = np.array([np.cos(yaw), np.sin(yaw)])
+    left = np.array([-forward[1], forward[0]])
+    feet = np.array(rover.legs.axle_positions_m())
+    xy = np.array([start.x_m, start.y_m]) + feet[:, :1] * forward + feet[:, 1:2] * left
+    basis = np.column_stack([feet[:, :2], np.ones(len(feet))])
+    slope_x, slope_y, _ = np.linalg.lstsq(basis, ground.height_at(xy), rcond=None)[0]
+    x_axis = np.append(forward, slope_x)
+    x_axis /= np.linalg.norm(x_axis)
+    z_axis = np.cross(x_axis, np.append(left, slope_y))
+    z_axis /= np.linalg.norm(z_axis)
+    return np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis])

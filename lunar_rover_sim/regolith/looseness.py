@@ -16,9 +16,8 @@ import numpy as np
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.regolith.soil import PRESETS
 from lunar_rover_sim.world.craters import Craters
-from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.grid import HeightGrid, window_of
 from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.window import window_of
 
 CELL_M = 0.1
 FRESH = 0.5                   # age of a crater, in lifetimes, from which on it no longer counts

@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 
 from lunar_rover_sim.frames import wxyz_from_rpy
-from lunar_rover_sim.rover.description import Legs, Motor, RoverDescription
-from lunar_rover_sim.rover.inertia import chassis_inertia, leg_inertia
+from lunar_rover_sim.rover.description import (chassis_inertia, leg_inertia, Legs, Motor,
+                                               RoverDescription)
 from lunar_rover_sim.rover.mounts import MAST_RADIUS_M
 
 GROUND_BIT = 1

@@ -13,8 +13,7 @@ import numpy as np
 
 from lunar_rover_sim import frames
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.rover.inertia import chassis_inertia, leg_inertia
+from lunar_rover_sim.rover.description import chassis_inertia, leg_inertia, RoverDescription
 from lunar_rover_sim.rover.mounts import fixed_frames, MAST_RADIUS_M
 
 _COLOURS = {'body': (0.78, 0.66, 0.36), 'leg': (0.55, 0.55, 0.57), 'tip': (0.15, 0.15, 0.16)}

@@ -8,8 +8,7 @@ from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.config import RecorderConfig
 from lunar_rover_sim.camera.cameras import CameraEntry, chase_camera, hazard_camera, stereo_pair
 from lunar_rover_sim.camera.chase import ChaseConfig
-from lunar_rover_sim.camera.compression_config import CompressionConfig
-from lunar_rover_sim.camera.config import CameraConfig, FurtherCameraConfig
+from lunar_rover_sim.camera.config import CameraConfig, CompressionConfig, FurtherCameraConfig
 from lunar_rover_sim.camera.hazard import HazardConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig

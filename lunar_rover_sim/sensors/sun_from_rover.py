@@ -1,15 +1,16 @@
-"""The sun from places on the rover, while it moves."""
+"""The sun from places on the rover, while it moves, and what hides it."""
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.illumination.sun_of_date import earth_of_date, sun_of_date
 from lunar_rover_sim.illumination.sun_path import SunPath
 from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
-from lunar_rover_sim.physics.ray_cast import reaches_sky
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.world.model import World
@@ -50,3 +51,21 @@ class SunFromRover:
 
     def _reaches_sky(self, point_m: Array, directions: Array) -> np.ndarray:
         return reaches_sky(self._simulation, point_m, directions)
+
+
+_NO_BODY = -1
+_GEOM = np.zeros(1, np.int32)   # which geom is hit; nobody asks
+
+
+def reaches_sky(simulation: Simulation, point_m: Array, directions: Array) -> NDArray[np.bool_]:
+    """Return which rays from a (3,) place in (n, 3) directions hit no ground, rock or rover.
+
+    The ground is the fine one that the rover walks on, before it has changed it; nothing beyond it
+    is looked at.
+
+    Raises:
+        PhysicsError: After the simulation was closed.
+    """
+    model, data = simulation.model, simulation.data
+    return np.array([mujoco.mj_ray(model, data, point_m, ray, None, 1, _NO_BODY, _GEOM) < 0.0
+                     for ray in directions], bool)

@@ -19,7 +19,7 @@ from lunar_rover_sim.evaluation.trajectory_files import write_tum
 from lunar_rover_sim.evaluation.trajectory_plots import save_plots
 from lunar_rover_sim.evaluation.trajectory_sources import trajectory_of_topic
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.physics.tip_over import TipOver
+from lunar_rover_sim.physics.state import TipOver
 from lunar_rover_sim.run.child_process import Echo
 from lunar_rover_sim.sequences.export import export, FORMATS
 from lunar_rover_sim.sequences.sensors import recorded_sensors

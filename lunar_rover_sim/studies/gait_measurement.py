@@ -17,7 +17,7 @@ from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.gait.stride import Stride
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.physics.tip_over import TIPPED_DEG
+from lunar_rover_sim.physics.state import TIPPED_DEG
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.studies.parallel import map_in_processes
 from lunar_rover_sim.studies.walking import flat_world, STATE_PERIOD_S, walk

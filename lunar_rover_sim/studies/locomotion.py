@@ -30,8 +30,7 @@ from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.inspection.tracking import prediction_miss, PredictionMiss
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.rover.inertia import chassis_inertia
+from lunar_rover_sim.rover.description import chassis_inertia, RoverDescription
 from lunar_rover_sim.studies.walking import flat_world, STATE_PERIOD_S, walk, Walk
 
 START_S = 5.0         # the transient is looked for in this time after the command

@@ -26,8 +26,7 @@ from lunar_rover_sim.navigation.traversability import (belly_clearance_m, Limits
                                                        Traversability)
 from lunar_rover_sim.path_following.driver import DONE, Driver, STOPPED
 from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.physics.state import RoverState
-from lunar_rover_sim.physics.tip_over import TipOver
+from lunar_rover_sim.physics.state import RoverState, TipOver
 from lunar_rover_sim.rover.mjcf import CHASSIS_GEOM
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.seen_depth import SeenDepth

@@ -12,7 +12,7 @@ from scipy import stats
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.gait.controller import GaitController
-from lunar_rover_sim.physics.tip_over import TIPPED_DEG
+from lunar_rover_sim.physics.state import TIPPED_DEG
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sensors.wheel_odometry import Rolling, RollingFeet, WheelOdometry

@@ -16,8 +16,7 @@ import numpy as np
 
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
 from lunar_rover_sim.frames import Array, BASE_FRAME, IMU_FRAME, wxyz_from_matrix
-from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.rover.inertia import chassis_inertia, leg_inertia
+from lunar_rover_sim.rover.description import chassis_inertia, leg_inertia, RoverDescription
 from lunar_rover_sim.rover.mounts import imu_pose, MAST_RADIUS_M
 from lunar_rover_sim.rover.visual import link_poses, visual_parts, VisualPart
 from lunar_rover_sim.usd.cameras import add_camera, stereo_models

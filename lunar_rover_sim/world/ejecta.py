@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.world.craters import Craters
-from lunar_rover_sim.world.window import window_of
+from lunar_rover_sim.world.grid import window_of
 
 F32 = NDArray[np.float32]
 

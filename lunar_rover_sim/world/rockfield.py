@@ -13,9 +13,8 @@ from lunar_rover_sim.frames import Array, matrix_from_wxyz, product_wxyz
 from lunar_rover_sim.world.config import RockConfig, SITES
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.grid import (ALBEDO_STEP, height_step_m, HeightGrid, on_lattice,
-                                        round_to, significant)
+                                        round_to, significant, window_of)
 from lunar_rover_sim.world.rocks import Rocks, RockShape
-from lunar_rover_sim.world.window import window_of
 
 logger = logging.getLogger(__name__)
 

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from lunar_rover_sim.world.config import CraterConfig
 from lunar_rover_sim.world.crater_profile import profile_table, RADII, REACH
 from lunar_rover_sim.world.craters import Craters
-from lunar_rover_sim.world.grid import ALBEDO_STEP, on_lattice
+from lunar_rover_sim.world.grid import ALBEDO_STEP, on_lattice, window_of
 from lunar_rover_sim.world.relief import smoothstep
-from lunar_rover_sim.world.window import window_of
 
 # A crater erases the relief up to the first radius and leaves it unchanged from the second on.
 _ERASED, _UNTOUCHED = 0.85, 1.45

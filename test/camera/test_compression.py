@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.camera.compression import compressed
-from lunar_rover_sim.camera.compression_config import CompressionConfig
+from lunar_rover_sim.camera.config import CompressionConfig
 from lunar_rover_sim.errors import ConfigError
 
 RNG = np.random.default_rng(3)

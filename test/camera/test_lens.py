@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.camera.config import CameraConfig
-from lunar_rover_sim.camera.distorted_image import padding, source_pixels
 from lunar_rover_sim.camera.distortion import distort, is_invertible, undistort
+from lunar_rover_sim.camera.miscalibration import padding, source_pixels
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose

@@ -6,11 +6,10 @@ import camera_scene as scene
 import numpy as np
 import pytest
 
-from lunar_rover_sim.camera.blooming import bloom
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
 from lunar_rover_sim.camera.exposure import AutoExposure
 from lunar_rover_sim.camera.rig import StereoRig
-from lunar_rover_sim.camera.sensor import ImageSensor, SensorModel
+from lunar_rover_sim.camera.sensor import bloom, ImageSensor, SensorModel
 from lunar_rover_sim.errors import ConfigError
 
 CAMERA = CameraConfig(width=320, height=240)

@@ -8,7 +8,7 @@ import pytest
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
-from lunar_rover_sim.gait.phases import LegPhases
+from lunar_rover_sim.gait.controller import LegPhases
 from lunar_rover_sim.gait.shaping import ShapingFunction
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.rover.description import RoverDescription

@@ -19,7 +19,7 @@ from std_msgs.msg import Header  # noqa: E402
 from lunar_rover_sim import frames, topics  # noqa: E402
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
-from lunar_rover_sim.nodes import conversions, image_conversions, vision_conversions  # noqa: E402
+from lunar_rover_sim.nodes import conversions, image_conversions  # noqa: E402
 from lunar_rover_sim.nodes.message_types import definition_of  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.rendering.instances import instances  # noqa: E402
@@ -220,7 +220,7 @@ def test_boxes_are_those_of_the_instances() -> None:
     label[5:8, 10:14] = LABEL_FIRST_ROCK + 7
     label[0, 0:2] = LABEL_FIRST_ROCK + 8
     crater[10:16, 20:25] = 3
-    found = vision_conversions.detections(MSG, instances(
+    found = image_conversions.detections(MSG, instances(
         label, crater), Header(frame_id='eye'))
     rock, pit = found.detections
     assert (rock.id, pit.id) == ('rock 7', 'crater 2')
@@ -234,9 +234,9 @@ def test_boxes_are_those_of_the_instances() -> None:
 
 def test_names_and_method() -> None:
     names = class_names(2, ['left', 'right'])
-    found = vision_conversions.label_info(MSG, names, Header())
+    found = image_conversions.label_info(MSG, names, Header())
     assert {c.class_id: c.class_name for c in found.class_map} == names
-    told = vision_conversions.vision_info(MSG, 'abc', Header())
+    told = image_conversions.vision_info(MSG, 'abc', Header())
     assert (told.database_location, told.database_version) == ('abc', 0) and told.method
 
 
@@ -248,7 +248,7 @@ def learn(store: Typestore, name: str, definition: str) -> None:
 
 def test_without_the_package_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'vision_msgs', None)
-    assert vision_conversions.vision_messages() is None
+    assert image_conversions.vision_messages() is None
 
 
 @pytest.mark.parametrize('name', ['nav_msgs/msg/Odometry', 'sensor_msgs/msg/CameraInfo',

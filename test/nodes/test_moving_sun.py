@@ -30,8 +30,8 @@ pytest.importorskip('rclpy')
 from rclpy.serialization import serialize_message  # noqa: E402  (needs rclpy)
 
 from lunar_rover_sim.nodes.ground_listener import GroundListener  # noqa: E402
-from lunar_rover_sim.nodes.ground_publisher import GroundPublisher  # noqa: E402
 from lunar_rover_sim.nodes.moving_sun import MovingSun  # noqa: E402
+from lunar_rover_sim.nodes.state_publisher import GroundPublisher  # noqa: E402
 
 SKY = ('render_node.sun.date=2026-11-28T00:00:00Z', 'render_node.sun.site.source=given',
        'render_node.sun.site.lat_deg=-85', 'render_node.sun.rate=50000',

@@ -9,8 +9,7 @@ import pytest
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import StartPose
-from lunar_rover_sim.rover.description import Motor, RoverDescription
-from lunar_rover_sim.rover.inertia import leg_inertia
+from lunar_rover_sim.rover.description import leg_inertia, Motor, RoverDescription
 
 MOTOR = ROVER.motor
 

@@ -12,8 +12,7 @@ from lunar_rover_sim.errors import PhysicsError
 from lunar_rover_sim.physics.config import StartPose
 from lunar_rover_sim.physics.foot_motion import FootObserver
 from lunar_rover_sim.physics.observation import Observer
-from lunar_rover_sim.physics.state import RoverState
-from lunar_rover_sim.physics.tip_over import TipOver
+from lunar_rover_sim.physics.state import RoverState, TipOver
 from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
 

@@ -7,7 +7,7 @@ from regression.conftest import DOUBLE, SINGLE
 from regression.scenes import hilly_levels, stereo_pair, stony_world, waves
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.camera import distorted_image, distortion
+from lunar_rover_sim.camera import distortion, miscalibration
 from lunar_rover_sim.camera.config import CameraConfig, LensConfig, SensorConfig
 from lunar_rover_sim.camera.exposure import AutoExposure, first_exposure_s
 from lunar_rover_sim.camera.fisheye import FisheyeCamera
@@ -58,7 +58,7 @@ def test_distorted_and_fisheye_pixels(unchanged: Unchanged) -> None:
         camera = CameraConfig(width=67, height=45, horizontal_fov_deg=61.0, distortion=lens)
         arrays |= {f'distorted_{k}': distortion.distort(xy, lens),
                    f'back_{k}': distortion.undistort(0.9 * xy, lens),
-                   f'source_{k}': distorted_image.source_pixels(camera)}
+                   f'source_{k}': miscalibration.source_pixels(camera)}
     made = FisheyeCamera(HazardCameraConfig(
         width=61, height=43, horizontal_fov_deg=150.0, image_circle_deg=170.0,
         fisheye_distortion=(0.03, -0.02, 0.006, -0.001)))

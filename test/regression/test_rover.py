@@ -11,8 +11,7 @@ from regression.scenes import hills, stones
 
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig, GAITS
-from lunar_rover_sim.gait.controller import GaitController
-from lunar_rover_sim.gait.phases import LegPhases
+from lunar_rover_sim.gait.controller import GaitController, LegPhases
 from lunar_rover_sim.gait.shaping import ShapingFunction
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose

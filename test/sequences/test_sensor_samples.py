@@ -20,8 +20,8 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import BagError, SequenceError
 from lunar_rover_sim.frames import inverse, matrix_from_wxyz
 from lunar_rover_sim.rover.description import Legs
-from lunar_rover_sim.sequences.export import export, FORMATS
-from lunar_rover_sim.sequences.left_out import hazards_left_out, OF_SENSORS, sensors_left_out
+from lunar_rover_sim.sequences.export import (export, FORMATS, hazards_left_out, OF_SENSORS,
+                                              sensors_left_out)
 from lunar_rover_sim.sequences.sensor_samples import KEPT_NS, RecentMessages
 
 NEEDED = (topics.LEFT_IMAGE, topics.LEFT_INFO, topics.RIGHT_IMAGE, topics.RIGHT_INFO,

@@ -11,7 +11,7 @@ from lunar_rover_sim.world import crater_population, stamping
 from lunar_rover_sim.world.config import CraterConfig
 from lunar_rover_sim.world.crater_profile import fresh_profile, profile_table, RADII, REACH
 from lunar_rover_sim.world.craters import Craters
-from lunar_rover_sim.world.window import window_of
+from lunar_rover_sim.world.grid import window_of
 
 ROUND = CraterConfig(irregularity=0.0)
 
