@@ -12,7 +12,7 @@ import functools
 import itertools
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # its parts when they are used
 
 from lunar_rover_sim.camera.config import CameraConfig, MiscalibrationConfig
 from lunar_rover_sim.camera.distortion import undistort
@@ -55,7 +55,7 @@ class Miscalibration:
         centre = 0.5 * np.array([camera.width - 1.0, camera.height - 1.0])
         beside = (source_pixels(camera) - centre) / (self.focal_ratio * camera.focal_px)
         rays = np.concatenate([beside, np.ones((*beside.shape[:2], 1))], axis=-1)
-        rays = rays @ Rotation.from_rotvec(self.rotation_rad).as_matrix().T
+        rays = rays @ scipy.spatial.transform.Rotation.from_rotvec(self.rotation_rad).as_matrix().T
         return np.asarray(rays[..., :2] / rays[..., 2:] * camera.focal_px + centre)
 
     def told(self, camera: CameraConfig) -> dict[str, object]:

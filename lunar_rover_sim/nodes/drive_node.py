@@ -84,12 +84,3 @@ class DriveNode(node_main.GraphNode):
             self._publisher.publish(conversions.twist_stamped(*velocity, odom.header.stamp))
         else:
             self._publisher.publish(conversions.twist(*velocity))
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return node_main.run(DriveNode, args)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -15,8 +15,7 @@ from types import FrameType
 
 NODES = ('drive_node', 'gait_controller_node', 'lidar_node', 'mapping_node', 'navigator_node',
          'physics_node', 'policy_node', 'pose_bridge_node', 'recorder_node', 'render_node',
-         'slam_node',
-         'trajectory_recorder_node', 'view_node')
+         'slam_node', 'trajectory_recorder_node', 'view_node')
 
 _USAGE = """usage: {node} [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO]]
 
@@ -67,10 +66,11 @@ def main() -> int:
         for variable, value in dds_environment().items():
             os.environ.setdefault(variable, value)
         module = importlib.import_module(f'lunar_rover_sim.nodes.{name}')
+        from lunar_rover_sim.nodes.node_main import run
     except LunarRoverSimError as error:
         fail(error)
         return 1
-    return module.main(arguments)
+    return run(getattr(module, name.title().replace('_', '')), arguments)
 
 
 if __name__ == '__main__':

@@ -10,7 +10,7 @@ from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.conditions import differences, rover_conditions
 from lunar_rover_sim.gait.controller import GaitController, LegCommand
-from lunar_rover_sim.nodes import conversions, node_main
+from lunar_rover_sim.nodes import conversions
 from lunar_rover_sim.nodes.leg_controller import LegControllerNode
 from lunar_rover_sim.nodes.parameters import on_change
 from lunar_rover_sim.rover.description import RoverDescription
@@ -41,12 +41,3 @@ class GaitControllerNode(LegControllerNode):
         return self._gait.update(
             time_ns(state.header.stamp), conversions.legs_of(state, self.legs, 'position'),
             conversions.legs_of(state, self.legs, 'velocity'))
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return node_main.run(GaitControllerNode, args)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

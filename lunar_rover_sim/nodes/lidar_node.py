@@ -265,12 +265,3 @@ class LidarNode(node_main.GraphNode):
         if not self._read_topics():
             return self._rate.status('Nobody reads scans')
         return self._rate.status('' if fed else 'No new odometry')
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return node_main.run(LidarNode, args)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

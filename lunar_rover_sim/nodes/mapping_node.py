@@ -126,12 +126,3 @@ class MappingNode(node_main.GraphNode):
         if self._grid_map is not None and self._grid_map.get_subscription_count():
             self._grid_map.publish(map_conversions.fill_grid_map(
                 self._grid_map_type(), elevation, grid, frame_id, stamp))
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return node_main.run(MappingNode, args)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

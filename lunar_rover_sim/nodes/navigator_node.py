@@ -228,12 +228,3 @@ def _status(command: NavigatorCommand, stamp: Any) -> DiagnosticArray:
         values=[KeyValue(key='reason', value=command.reason)])])
     array.header.stamp = stamp
     return array
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return node_main.run(NavigatorNode, args)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -312,12 +312,3 @@ class PhysicsNode(node_main.GraphNode):
                 'waiting for ' + ', '.join(self._listener.gate.missing(self._now_ns)
                                            or self._matching.missing() or ['readers'])
         return response
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return node_main.run(PhysicsNode, args)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

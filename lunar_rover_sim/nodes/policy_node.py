@@ -20,7 +20,7 @@ from lunar_rover_sim.gait.controller import LegCommand
 from lunar_rover_sim.learning.controller import PolicyController
 from lunar_rover_sim.learning.policy_file import policy_names
 from lunar_rover_sim.learning.senses import Sample
-from lunar_rover_sim.nodes import conversions, node_main, qos
+from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.leg_controller import LegControllerNode
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.node_config import PolicyNodeConfig
@@ -100,12 +100,3 @@ class PolicyNode(LegControllerNode):
         self.states.clear()
         legs = len(self.legs.each)
         self.publish(LegCommand(np.zeros(legs), self._angles, np.zeros(legs)), self._stamp)
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return node_main.run(PolicyNode, args)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -258,12 +258,3 @@ class PoseBridgeNode(node_main.GraphNode):
         self._pair()
         self._stream.advance()
         self._log.advance()
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return node_main.run(PoseBridgeNode, args)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

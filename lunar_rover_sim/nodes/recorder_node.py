@@ -265,12 +265,3 @@ def _read(path: str) -> str:
         return Path(path).read_text(encoding='utf-8')
     except OSError as error:
         raise ConfigError(f'scenario_file: {path}: {error.strerror}') from None
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return node_main.run(RecorderNode, args)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

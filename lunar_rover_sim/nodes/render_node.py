@@ -339,12 +339,3 @@ def publish_frames(node: Node, fixed: Sequence[tuple[str, str, Array]]) -> None:
     node.create_publisher(TFMessage, topics.TF_STATIC.name, qos.offered(topics.TF_STATIC)).publish(
         TFMessage(transforms=[conversions.transform(parent, child, pose, zero)
                               for parent, child, pose in fixed]))
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return node_main.run(RenderNode, args)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -203,12 +203,3 @@ class SlamNode(node_main.GraphNode):
 
 def _median_ms(latencies_s: Sequence[float]) -> str:
     return f'{1e3 * float(np.median(latencies_s)):.1f}' if latencies_s else 'nan'
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return node_main.run(SlamNode, args)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -94,12 +94,3 @@ class TrajectoryRecorderNode(node_main.GraphNode):
             self._file.write(f'{in_seconds(stamp_ns)} {numbers}\n')
             self._count += 1
         self._file.flush()
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return node_main.run(TrajectoryRecorderNode, args)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -147,12 +147,3 @@ class ViewNode(node_main.GraphNode):
         message = Twist()
         message.linear.x, *_, message.angular.z = _TWIST.unpack_from(data)
         self._drivers[topic].publish(message)
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return node_main.run(ViewNode, args)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy  # its parts when they are used
 
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.world.config import CraterConfig
@@ -68,7 +68,7 @@ def survivors(craters: Craters, coarser: Craters) -> Craters:
     alive = np.ones(len(craters), bool)
     if len(craters) and len(coarser):
         younger = coarser.select(coarser.time < craters.time.max())
-        tree = cKDTree(craters.position_m)
+        tree = scipy.spatial.cKDTree(craters.position_m)
         inside = tree.query_ball_point(younger.position_m, 0.55 * younger.diameter_m)
         for time, near in zip(younger.time, inside):
             alive[near] &= craters.time[near] <= time

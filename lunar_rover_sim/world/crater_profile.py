@@ -6,7 +6,7 @@ import dataclasses
 import functools
 
 import numpy as np
-from scipy.linalg import solve_banded
+import scipy  # its parts when they are used
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.world.config import CraterConfig
@@ -77,7 +77,7 @@ def profile_table(config: CraterConfig) -> ProfileTable:
         band[1, 1:] += dt * conductance
         band[0, 1:] = -dt * conductance
         band[2, :-1] = -dt * conductance
-        h = solve_banded((1, 1), band, area * h)
+        h = scipy.linalg.solve_banded((1, 1), band, area * h)
         heights.append(h)
         times.append(times[-1] + dt)
         dt *= 1.03

@@ -12,8 +12,7 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-import scipy.fft
-import scipy.special
+import scipy  # its parts when they are used
 
 from lunar_rover_sim.world.config import ReliefConfig
 from lunar_rover_sim.world.grid import height_step_m, round_to

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
+import scipy  # its parts when they are used
 
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, product_wxyz
 from lunar_rover_sim.world.config import RockConfig, SITES
@@ -204,7 +204,7 @@ def apart(xy: Array, diameter: Array) -> NDArray[np.bool_]:
     free = np.ones(len(diameter), bool)
     if not len(diameter):
         return free
-    tree = cKDTree(xy)
+    tree = scipy.spatial.cKDTree(xy)
     start = 0
     while start < len(diameter):
         # One query for rocks of similar size; the reach of the largest bounds that of the others.

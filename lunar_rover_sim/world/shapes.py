@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, HalfspaceIntersection
-from scipy.spatial.transform import Rotation
+import scipy  # its parts when they are used
 
 from lunar_rover_sim.world.grid import on_lattice
 from lunar_rover_sim.world.rocks import RockShape
@@ -59,13 +58,17 @@ def hull_faces(points: NDArray[np.float64]) -> NDArray[np.integer[Any]]:
 
     They index the points, counter-clockwise seen from outside.
     """
-    shell = ConvexHull(points)
+    shell = scipy.spatial.ConvexHull(points)
     faces = shell.simplices.copy()
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = np.einsum('ij,ij->i', normals, shell.equations[:, :3]) < 0.0
     faces[inward] = faces[inward][:, ::-1]
     return faces
+
+
+def _turn(rpy_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(scipy.spatial.transform.Rotation.from_euler('xyz', rpy_rad).as_matrix())
 
 
 def _in_order(faces: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
@@ -86,14 +89,14 @@ def _cut_block(rng: np.random.Generator, planes: int) -> NDArray[np.float64]:
     box = np.concatenate([np.eye(3), -np.eye(3)])
     halfspaces = np.concatenate([np.column_stack([normals, -distance]),
                                  np.column_stack([box, np.full(6, -1.25)])])
-    corners = HalfspaceIntersection(halfspaces, np.zeros(3)).intersections
+    corners = scipy.spatial.HalfspaceIntersection(halfspaces, np.zeros(3)).intersections
     # Qhull finds each corner more than once, in an order of its own.
     corners = np.unique(on_lattice(corners[np.all(np.isfinite(corners), axis=1)], _STEP), axis=0)
     # Corners are chipped: cutting each back a little gives small faces between the large ones.
     centre = corners.mean(axis=0)
     neighbours = corners + 0.12 * (np.roll(corners, 1, axis=0) - corners)
     chipped = np.concatenate([centre + 0.97 * (corners - centre), neighbours])
-    tilt = Rotation.from_euler('xyz', rng.uniform(-0.3, 0.3, 3)).as_matrix()
+    tilt = _turn(rng.uniform(-0.3, 0.3, 3))
     return (chipped * _axes(rng)) @ tilt.T
 
 
@@ -107,7 +110,7 @@ def _worn_block(rng: np.random.Generator, points: int = 72) -> NDArray[np.float6
         lobe /= np.linalg.norm(lobe)
         radius = radius * (1.0 - rng.uniform(0.03, 0.16)
                            * np.clip(directions @ lobe, 0.0, 1.0) ** 2)
-    turn = Rotation.from_euler('xyz', rng.uniform(-0.4, 0.4, 3)).as_matrix()
+    turn = _turn(rng.uniform(-0.4, 0.4, 3))
     return (directions * radius[:, None] * _axes(rng)) @ turn.T
 
 
@@ -119,6 +122,7 @@ def _spread(rng: np.random.Generator, count: int, jitter: float = 0.45) -> NDArr
     ring = np.sqrt(1.0 - z * z)
     vectors = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), z])
     scale = jitter * np.sqrt(4.0 * np.pi / count)
-    vectors = vectors @ Rotation.from_rotvec(rng.uniform(-np.pi, np.pi, 3)).as_matrix().T
+    turn = scipy.spatial.transform.Rotation.from_rotvec(rng.uniform(-np.pi, np.pi, 3))
+    vectors = vectors @ turn.as_matrix().T
     vectors += scale * rng.uniform(-0.5, 0.5, vectors.shape)
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -124,8 +124,9 @@ def test_a_second_signal_does_no_harm(domain: int) -> None:
     """
     script = """
 import signal
-from lunar_rover_sim.nodes import gait_controller_node
-assert gait_controller_node.main(['gait_controller_node', '--ros-args', '-p', 'no:=1']) == 1
+from lunar_rover_sim.nodes.gait_controller_node import GaitControllerNode
+from lunar_rover_sim.nodes.node_main import run
+assert run(GaitControllerNode, ['gait_controller_node', '--ros-args', '-p', 'no:=1']) == 1
 assert {signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)} == {signal.SIG_IGN}
 """
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
