@@ -77,13 +77,17 @@ class Peer:
         raise AssertionError(f'{service} does not answer')
 
 
+def node_command(name: str, *arguments: str) -> list[str]:
+    """Return the command line of a node with ROS arguments."""
+    return [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', name, '--ros-args',
+            *arguments]
+
+
 @contextmanager
 def running(name: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Run a node as `ros2 run` would, and end it with SIGINT."""
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', name, '--ros-args',
-         *arguments],
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    process = subprocess.Popen(node_command(name, *arguments), stdout=subprocess.PIPE,
+                               stderr=subprocess.STDOUT, text=True)
     try:
         yield process
         process.send_signal(signal.SIGINT)
@@ -99,9 +103,8 @@ def ended(name: str, *arguments: str) -> Iterator[list[str]]:
 
     The list then holds the lines of its errors.
     """
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', name, '--ros-args',
-         *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(node_command(name, *arguments), stdout=subprocess.DEVNULL,
+                               stderr=subprocess.PIPE, text=True)
     errors: list[str] = []
     try:
         yield errors
@@ -114,9 +117,8 @@ def ended(name: str, *arguments: str) -> Iterator[list[str]]:
 
 def fails(name: str, *arguments: str) -> str:
     """Run a node that must refuse its parameters; return its one line."""
-    finished = subprocess.run(
-        [sys.executable, '-m', f'lunar_rover_sim.nodes.{name}', '--ros-args', *arguments],
-        capture_output=True, text=True, timeout=LIMIT_S)
+    finished = subprocess.run(node_command(name, *arguments), capture_output=True, text=True,
+                              timeout=LIMIT_S)
     assert finished.returncode == 1, finished.stdout + finished.stderr
     lines = [line for line in finished.stderr.strip().splitlines()
              if not line.startswith('[INFO]')]
