@@ -138,12 +138,12 @@ def test_drive_node_answers_odometry(peer: Peer) -> None:
 
 
 @pytest.mark.parametrize(('argument', 'said'), [
-    ('wrold:=/tmp', 'did you mean world'), ('qos_overrides./odm.publisher.depth:=3',
-                                            '/odm; did you mean /odom')])
-def test_a_wrong_parameter_ends_a_node_with_one_line(argument: str, said: str, world_folder: Path,
+    ('mdoe:=spline', 'did you mean mode'), ('qos_overrides./cmd_vl.publisher.depth:=3',
+                                            '/cmd_vl; did you mean /cmd_vel')])
+def test_a_wrong_parameter_ends_a_node_with_one_line(argument: str, said: str,
                                                      domain: int) -> None:
     """And with 1."""
-    line = fails('physics_node', '-p', f'world:={world_folder}', '-p', argument)
+    line = fails('drive_node', '-p', argument)
     assert said in line and argument.split(':=')[0][:17] in line
 
 
