@@ -17,6 +17,7 @@ from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import NavigationError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, tilt_deg
 from lunar_rover_sim.navigation.config import NavigatorConfig
+from lunar_rover_sim.navigation.overview import Overview
 from lunar_rover_sim.navigation.planner import Disc, Plan, Planner
 from lunar_rover_sim.navigation.traversability import Traversability
 from lunar_rover_sim.path_following.config import DriveConfig
@@ -98,6 +99,7 @@ class Navigator:
         self._now_ns = 0
         self._final: NavigatorCommand | None = None
         self._grid: Traversability | None = None
+        self._overview: Overview | None = None
         self._discs: list[Disc] = []
         self._restart()
         if self._config.goals:
@@ -393,8 +395,11 @@ class Navigator:
         due = self._planned_ns is None or now - self._planned_ns >= config.plan_period_s * 1e9
         if not (due or new_map):
             return None
+        if self._overview is None or self._overview.map_cell_m != self._grid.cell_m:
+            self._overview = Overview(self._grid.cell_m, 1.0 + config.plan.unknown_cost)
         planner = Planner(self._grid, config.plan, self._half_width_m, position[:2],
-                          tuple(self._discs))
+                          tuple(self._discs), self._overview)
+        self._overview.add(self._grid.origin_m, planner.blocked, planner.unknown, planner.room_m)
         self._planner = planner
         old = math.inf
         if self.plan is not None:

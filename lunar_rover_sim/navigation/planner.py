@@ -13,6 +13,7 @@ from skimage.graph import MCP_Geometric
 
 from lunar_rover_sim.frames import Array, path_length
 from lunar_rover_sim.navigation.config import PlanConfig
+from lunar_rover_sim.navigation.overview import Overview, WALL_COST
 from lunar_rover_sim.navigation.traversability import LETHAL, Traversability, UNKNOWN
 
 _ESCAPE = 20.0          # cost of ground that is too near to an obstacle while the rover leaves it
@@ -42,7 +43,7 @@ class Plan:
 
     Attributes:
         points_m: (n, 2) from the rover on.
-        cost: Of the way and, where it ends before the goal, of the straight rest as if free.
+        cost: Of the way and, where it ends before the goal, of the rest over what was seen there.
         reaches_goal: Whether it ends at the goal itself.
         off_goal_m: How far from a goal that cannot be reached it ends; 0 if it goes on beyond
             the map.
@@ -63,7 +64,15 @@ class Planner:
     """Finds ways over the costs of one map."""
 
     def __init__(self, grid: Traversability, config: PlanConfig, half_width_m: float,
-                 rover_xy_m: ArrayLike, discs: tuple[Disc, ...] = ()) -> None:
+                 rover_xy_m: ArrayLike, discs: tuple[Disc, ...] = (),
+                 overview: Overview | None = None) -> None:
+        """Prepare the costs of a map.
+
+        Args:
+            overview: What was seen beyond the map, and of what the map does not know; None: all
+                beyond the map is free.
+        """
+        self._overview = overview
         self._grid, self._rover = grid, np.asarray(rover_xy_m, float)[:2]
         self.unknown = grid.cost == UNKNOWN
         self.unknown[self._within(self._rover, config.blind_m)] = False
@@ -79,12 +88,15 @@ class Planner:
         free = (~self.lethal).astype(np.uint8)
         apart = cv2.distanceTransform(free, cv2.DIST_L2, 5) * np.float32(grid.cell_m)
         self._apart = apart
-        self._room = room = half_width_m + config.margin_m
+        self.room_m = room = half_width_m + config.margin_m
         self.blocked = apart < room
         near = np.nonzero(apart < room + config.near_m)
         share = np.clip((room + config.near_m - apart[near]) / max(config.near_m, 1e-6), 0.0, 1.0)
         cost[near] += config.near_cost * share ** 2
         cost[self.unknown] += config.unknown_cost
+        if overview is not None:
+            x, y = self._centre(np.arange(len(cost)), np.arange(len(cost)))
+            cost[self.unknown & overview.closed_at(x, y)] += WALL_COST
         # The rover may stand where it would not go, and leaves it, but not over an obstacle.
         around = self._within(self._rover, room + 2.0 * grid.cell_m)
         cost[around] += _ESCAPE * self.blocked[around]
@@ -123,17 +135,15 @@ class Planner:
             return dataclasses.replace(found, off_goal_m=float(rest[best]))
         edge = np.full(total.shape, np.inf)
         for side in (np.s_[0, :], np.s_[-1, :], np.s_[:, 0], np.s_[:, -1]):
-            edge[side] = total[side] * self._grid.cell_m + rest[side]
+            detour = self._detour_m(np.stack([x[side], y[side]], axis=-1), goal)
+            edge[side] = total[side] * self._grid.cell_m + rest[side] + detour
         best = np.unravel_index(int(np.argmin(edge)), edge.shape)
         if not math.isfinite(edge[best]):
             return None
         return self._made(search.traceback(best), None, float(total[best]), goal)
 
     def cost_along(self, points_m: Array, goal_xy_m: ArrayLike) -> float:
-        """Return the cost of a way (n, 2), and of the straight rest to the goal; inf if blocked.
-
-        What lies beyond the map counts as free.
-        """
+        """Return the cost of a way (n, 2), and of the rest to the goal; inf if blocked."""
         goal = np.asarray(goal_xy_m, float)[:2]
         if len(points_m) < 2:
             return math.inf
@@ -141,12 +151,12 @@ class Planner:
         cost = self._at(self._cost, points_m[1:], 1.0)
         if np.any(cost < 0.0):
             return math.inf
-        return float(np.sum(steps * cost) + np.linalg.norm(points_m[-1] - goal))
+        return float(np.sum(steps * cost)) + self._rest_m(points_m[-1], goal)
 
     def is_clear(self, points_m: Array) -> bool:
         """Return whether a way (n, 2) keeps its distance from obstacles, as its start does."""
         apart = self._at(self._apart, points_m, np.inf)
-        return bool(apart.min() >= min(self._room, apart[0]))
+        return bool(apart.min() >= min(self.room_m, apart[0]))
 
     def unknown_along_m(self, points_m: Array, from_m: float, to_m: float) -> tuple[float, Array]:
         """Return how much of a part of a way is unknown [m], and where that begins (2,) [m]."""
@@ -175,8 +185,19 @@ class Planner:
                                                 mode='nearest')[1:-1]
         if not np.any(self._at(self._cost, smooth[1:-1], 1.0) < 0.0):
             points = smooth
-        rest = float(np.linalg.norm(points[-1] - goal))
+        rest = self._rest_m(points[-1], goal)
         return Plan(points, total * self._grid.cell_m + rest, end_m is not None)
+
+    def _rest_m(self, end_m: Array, goal: Array) -> float:
+        """Return what it costs from the end of a way (2,) to a goal."""
+        straight = float(np.linalg.norm(end_m - goal))
+        return straight if self._inside(self._cell(goal)) \
+            else straight + float(self._detour_m(end_m[None], goal)[0])
+
+    def _detour_m(self, points_m: Array, goal: Array) -> Array:
+        """Return what ways from (n, 2) to a goal beyond the map cost more than straight ones."""
+        return (np.zeros(len(points_m)) if self._overview is None
+                else self._overview.detour_m(points_m, goal))
 
     def _cell(self, xy_m: ArrayLike) -> tuple[int, int]:
         column, row = np.floor((np.asarray(xy_m, float) - self._grid.origin_m)
