@@ -98,8 +98,8 @@ class PlanConfig(Parameters):
                             'width', unit='m', low=0.0, high=2.0)
     near_m: float = param(0.35, 'distance from obstacles up to which a way costs more', unit='m',
                           low=0.0, high=5.0)
-    near_cost: float = param(3.0, 'what it costs more at most', low=0.0, high=100.0)
-    rough_cost: float = param(6.0, 'what ground just below the limits costs more', low=0.0,
+    near_cost: float = param(6.0, 'what it costs more at most', low=0.0, high=100.0)
+    rough_cost: float = param(12.0, 'what ground just below the limits costs more', low=0.0,
                               high=100.0)
     unknown_cost: float = param(3.0, 'what unknown ground costs more', low=0.0, high=100.0)
     blind_m: float = param(0.6, 'unknown ground this near to the rover counts as free: it stands '

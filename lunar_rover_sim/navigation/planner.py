@@ -120,7 +120,7 @@ class Planner:
         if self._inside(end) and self._cost[end] > 0.0:
             total, _ = search.find_costs([start], [end])
             if math.isfinite(total[end]):
-                return self._made(search.traceback(end), goal, float(total[end]), goal)
+                return self._made(search.traceback(end), goal, goal)
         total, _ = search.find_costs([start])
         n = len(total)
         rows, columns = np.mgrid[0:n, 0:n]
@@ -131,7 +131,7 @@ class Planner:
             best = np.unravel_index(int(np.argmin(near)), near.shape)
             if not math.isfinite(near[best]):
                 return None
-            found = self._made(search.traceback(best), None, float(total[best]), goal)
+            found = self._made(search.traceback(best), None, goal)
             return dataclasses.replace(found, off_goal_m=float(rest[best]))
         edge = np.full(total.shape, np.inf)
         for side in (np.s_[0, :], np.s_[-1, :], np.s_[:, 0], np.s_[:, -1]):
@@ -140,7 +140,7 @@ class Planner:
         best = np.unravel_index(int(np.argmin(edge)), edge.shape)
         if not math.isfinite(edge[best]):
             return None
-        return self._made(search.traceback(best), None, float(total[best]), goal)
+        return self._made(search.traceback(best), None, goal)
 
     def cost_along(self, points_m: Array, goal_xy_m: ArrayLike) -> float:
         """Return the cost of a way (n, 2), and of the rest to the goal; inf if blocked."""
@@ -170,8 +170,7 @@ class Planner:
         first = points[int(np.argmax(unknown))] if unknown.any() else points_m[-1]
         return 0.5 * self._grid.cell_m * float(np.count_nonzero(unknown)), first
 
-    def _made(self, cells: list[tuple[int, int]], end_m: Array | None, total: float,
-              goal: Array) -> Plan:
+    def _made(self, cells: list[tuple[int, int]], end_m: Array | None, goal: Array) -> Plan:
         rows, columns = np.array(cells).T
         points = np.stack(self._centre(rows, columns), axis=-1)
         points[0] = self._rover
@@ -185,8 +184,7 @@ class Planner:
                                                 mode='nearest')[1:-1]
         if not np.any(self._at(self._cost, smooth[1:-1], 1.0) < 0.0):
             points = smooth
-        rest = self._rest_m(points[-1], goal)
-        return Plan(points, total * self._grid.cell_m + rest, end_m is not None)
+        return Plan(points, self.cost_along(points, goal), end_m is not None)
 
     def _rest_m(self, end_m: Array, goal: Array) -> float:
         """Return what it costs from the end of a way (2,) to a goal."""

@@ -86,10 +86,14 @@ def test_discs_are_obstacles_or_cost_and_a_rover_that_stands_in_one_leaves_it():
     assert inside.plan((2.0, 0.0)).reaches_goal
 
 
-def test_the_cost_of_a_plan_is_that_along_it():
-    planner = Planner(grid((0.5, 1.0, -1.0, 1.0), value=60), PlanConfig(), HALF_M, (-2.0, 0.0))
-    plan = planner.plan((2.0, 0.2))
-    assert planner.cost_along(plan.points_m, (2.0, 0.2)) == pytest.approx(plan.cost, rel=0.1)
+def test_the_cost_of_a_plan_is_that_of_its_ground_and_of_the_rest_beyond_the_map():
+    plan = Planner(grid(), PlanConfig(), HALF_M, (-2.0, 0.0)).plan((2.0, 0.0))
+    assert plan.cost == pytest.approx(4.0, rel=0.01)
+    everywhere = grid((-3.2, 3.2, -3.2, 3.2), value=33)     # of 99
+    rough = Planner(everywhere, PlanConfig(rough_cost=6.0), HALF_M, (-2.0, 0.0))
+    assert rough.plan((2.0, 0.0)).cost == pytest.approx(4.0 * 3.0, rel=0.01)
+    beside = Planner(everywhere, PlanConfig(rough_cost=6.0), HALF_M, (2.0, 0.0))
+    assert beside.plan((10.0, 0.0)).cost == pytest.approx(1.2 * 3.0 + 6.8, rel=0.02)
 
 
 def test_a_rover_beside_a_rock_does_not_drive_onto_it():
