@@ -65,16 +65,12 @@ class PinholeFace:
         """Return by side what falls on the sensor, and depth with its signs."""
         return lit[0], drawn[0].depth_m
 
-    def truth(self, scenes: list[Scene]) -> dict[str, NDArray[Any]]:
+    def truth(self, scenes: list[Scene], drawn: list[Drawn]) -> dict[str, NDArray[Any]]:
         """Return layers of truth but depth, as they were drawn, of the camera's own image."""
-        request, projection = scenes[0].request, self.projections[0]
-        size, result = (projection.height, projection.width), dict[str, NDArray[Any]]()
-        for side in request.sides:
-            wanted = request.truth_of(side)
-            if wanted:
-                drawn = scenes[0].pixels.targets.truth.read(wanted, side, size, self._pad)
-                result |= {request.name(layer, side): pixels for layer, pixels in drawn.items()}
-        return result
+        request, (x, y) = scenes[0].request, self._pad
+        h, w = self.projections[0].height, self.projections[0].width
+        return {request.name(layer, side): pixels[y:h - y, x:w - x]
+                for side, layers in drawn[0].truth.items() for layer, pixels in layers.items()}
 
 
 class CameraRenderer(GlOwner):
@@ -197,13 +193,13 @@ class CameraRenderer(GlOwner):
                      for side in request.lit_sides}
         links = request.developed and any(map(develop.blurs, movements.values()))
         drawn = [passes.read(scene, links=links) for passes, scene in zip(self._passes, scenes)]
-        truth = self._faces.truth(scenes)
         if self._begun:     # it is lit into the targets that have just been read
             for passes, scene in zip(self._passes, self._begun[0][1]):
                 passes.light(scene)
-        lit, depth_m = self._faces.gather(scenes, drawn, [
-            passes.finish(scene, read) for passes, scene, read in zip(self._passes, scenes,
-                                                                      drawn)])
+        images = [passes.finish(scene, read)
+                  for passes, scene, read in zip(self._passes, scenes, drawn)]
+        lit, depth_m = self._faces.gather(scenes, drawn, images)
+        truth = self._faces.truth(scenes, drawn)
         out = dict[str, NDArray[Any]]()
         if 'radiance' in request.layers:
             out['radiance'] = develop.inside(lit[LEFT].radiance).copy()

@@ -16,6 +16,8 @@ from lunar_rover_sim.rendering.gl_owner import Releasable
 
 log = logging.getLogger(__name__)
 
+Uniforms = dict[str, Any]       # values by the names of shader uniforms
+
 
 def create_context() -> moderngl.Context:
     """Return a standalone EGL context of OpenGL 3.3 core or later.
@@ -87,6 +89,14 @@ def clear_window(target: moderngl.Framebuffer, window: tuple[int, int, int, int]
     target.use()
     target.viewport = window
     target.clear(viewport=window)
+
+
+def clear_colour(target: moderngl.Framebuffer, window: tuple[int, int, int, int], *,
+                 depth: bool) -> None:
+    """As `clear_window`, but clear the depth buffer only if `depth`."""
+    target.depth_mask = depth
+    clear_window(target, window)
+    target.depth_mask = True
 
 
 def release_all(*items: Releasable) -> None:

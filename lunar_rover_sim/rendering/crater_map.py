@@ -1,4 +1,4 @@
-"""Craters by place of the ground, as textures that a shader looks up.
+"""Craters by place of the ground, as lists of each cell of it.
 
 A place lies in a crater if it is within half the crater's diameter of its centre: within the rim
 of the fresh crater, taken as a circle. Where several overlap, the youngest counts, the one that
@@ -7,28 +7,23 @@ formed last. Every level of the ground shows the craters that are drawn on it or
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rendering import texture_units
-from lunar_rover_sim.rendering.context import release_all, set_uniform
 from lunar_rover_sim.rendering.labels import FIRST_CRATER, LAST_LABEL
 from lunar_rover_sim.world.craters import Craters
-from lunar_rover_sim.world.model import World
 
 F32 = NDArray[np.float32]
 Indices = NDArray[np.intp]
 
-ROW = 1024          # entries in a row of the list
 _CELLS = 512        # along a side of each level
 
 
 class CraterLists(NamedTuple):
-    """Craters by cell, as shaders/ground_truth.glsl reads them.
+    """Craters by cell, as `truth_rows.shape_of` reads them.
 
     Attributes:
         cells: (levels, n, n, 2) first entry of each cell's list, and the one after the last.
@@ -97,29 +92,3 @@ def _touched(craters: Craters, half_m: float, cells: int) -> tuple[Indices, Indi
 def _beyond(offset: Array) -> Array:
     """Return how far a coordinate lies beyond the span from 0 to 1."""
     return np.maximum(np.maximum(-offset, offset - 1.0), 0.0)
-
-
-class CraterMap:
-    """The textures of `crater_lists`."""
-
-    def __init__(self, context: moderngl.Context, world: World) -> None:
-        lists = crater_lists(world.craters, [grid.half_extent_m for grid in world.levels])
-        levels, n = lists.cells.shape[:2]
-        self._cells = context.texture_array((n, n, levels), 2, lists.cells, dtype='f4')
-        self._rows = max(-(-len(lists.entries) // ROW), 1)
-        entries = np.zeros((self._rows * ROW, 4), np.float32)
-        entries[:len(lists.entries)] = lists.entries
-        self._list = context.texture((ROW, self._rows), 4, entries, dtype='f4')
-        for texture in (self._cells, self._list):
-            texture.filter = (context.NEAREST, context.NEAREST)
-            texture.repeat_x = texture.repeat_y = False
-
-    def bind(self, program: Any) -> None:
-        """Let a program of shaders/ground_truth.glsl look craters up."""
-        self._cells.use(texture_units.CRATER_CELLS)
-        self._list.use(texture_units.CRATER_LIST)
-        set_uniform(program, u_crater_texel=(1.0 / self._rows, 1.0))
-
-    def release(self) -> None:
-        """Release the GL objects."""
-        release_all(self._list, self._cells)

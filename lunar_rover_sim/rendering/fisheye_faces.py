@@ -170,16 +170,12 @@ class FisheyeFaces:
                 sampler.add_distance(drawn_m, scene.above_m, depth_m[side])
         return whole, depth_m
 
-    def truth(self, scenes: list[Scene]) -> dict[str, NDArray[Any]]:
+    def truth(self, scenes: list[Scene], drawn: list[Drawn]) -> dict[str, NDArray[Any]]:
         """Return layers of truth but depth, from the nearest pixels drawn."""
         request, result = scenes[0].request, dict[str, NDArray[Any]]()
-        for face, sampler, scene in zip(self._faces, self._samplers, scenes):
-            size = face.projection.height, face.projection.width
-            for side in request.sides:
-                wanted = request.truth_of(side)
-                drawn = scene.pixels.targets.truth.read(wanted, side, size, (0, 0)) \
-                    if wanted else {}
-                for layer, pixels in drawn.items():
+        for sampler, face in zip(self._samplers, drawn):
+            for side, layers in face.truth.items():
+                for layer, pixels in layers.items():
                     into = result.setdefault(request.name(layer, side), np.zeros(
                         (*self._size, *pixels.shape[2:]), pixels.dtype))
                     sampler.add_nearest(pixels, into)

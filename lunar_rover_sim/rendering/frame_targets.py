@@ -23,8 +23,8 @@ class LitTargets:
     """What all frames are lit into.
 
     Attributes:
-        radiance, depth: Textures of float32 [W m-2 sr-1], [m]. Depth is along the optical axis, 0
-            for the sky, and negative for rocks and the rover.
+        radiance, depth: Textures of float32 [W m-2 sr-1], [m], of rocks and the rover. Depth is
+            along the optical axis and negative, 0 where neither is seen.
         tint: Texture of the colour, as shaders/tint.glsl stores it; None without colour.
         attachments: All of them.
         framebuffer: The same.
@@ -49,8 +49,7 @@ class FrameTargets:
     Attributes:
         mesh_depth: Depth of the meshes of the ground [m], both images.
         ground: Framebuffers that it is drawn through, of the left and the right camera.
-        ground_depth, surface: The same of the ground itself, in the rows where meshes do not do.
-        lit: The same, of all that is lit.
+        lit: The same, of rocks and the rover.
         added: Of its radiance alone.
         views: The two cameras.
     """
@@ -59,11 +58,9 @@ class FrameTargets:
         self._context, self._lit = context, lit
         self.size: tuple[int, int] = lit.radiance.size
         self.mesh_depth = attachment(context, self.size)
-        self.ground_depth = attachment(context, self.size)
         # Each camera has its own framebuffers: when they change, the driver begins to draw.
         self._buffers = [context.depth_renderbuffer(self.size) for _ in range(2)]
         self.ground = [context.framebuffer([self.mesh_depth], b) for b in self._buffers]
-        self.surface = [context.framebuffer([self.ground_depth], b) for b in self._buffers]
         self.lit = [context.framebuffer(lit.attachments, b) for b in self._buffers]
         self.added = [context.framebuffer([lit.radiance], b) for b in self._buffers]
         self.views = [View(context) for _ in range(2)]
@@ -80,8 +77,8 @@ class FrameTargets:
         """Release the GL objects."""
         if self._truth is not None:
             self._truth.release()
-        release_all(*self.views, *self.added, *self.lit, *self.surface, *self.ground,
-                    *self._buffers, self.ground_depth, self.mesh_depth)
+        release_all(*self.views, *self.added, *self.lit, *self.ground, *self._buffers,
+                    self.mesh_depth)
 
 
 class TruthTargets:
@@ -101,23 +98,22 @@ class TruthTargets:
         self.framebuffers = [context.framebuffer([*lit.attachments, *self._textures], depth)
                              for depth in depths]
 
-    def read(self, layers: Collection[str], side: int, size: tuple[int, int],
-             padding: tuple[int, int]) -> dict[str, NDArray[Any]]:
+    def read(self, layers: Collection[str], side: int,
+             size: tuple[int, int]) -> dict[str, NDArray[Any]]:
         """Return those of 'label', 'crater', 'shadow' and 'normal' that are in `layers`.
 
         Args:
-            side, size, padding: As for `read_image`; the first two are (h, w) uint16, shadow is
-                (h, w, 3) uint8, normal (h, w, 3) float32.
+            side, size: As for `read_image`; the first two are (h, w) uint16, shadow is (h, w, 3)
+                uint8, normal (h, w, 3) float32.
         """
         drawn = self.framebuffers[side]
         result: dict[str, NDArray[Any]] = {}
         if {'label', 'crater'} & set(layers):
-            numbers = read_image(drawn, 3, side, size, padding, 4, 'f1')
-            pairs = np.ascontiguousarray(numbers).view('<u2')
+            pairs = read_image(drawn, 3, side, size, 4, 'f1').view('<u2')
             result |= {'label': pairs[..., 0], 'crater': pairs[..., 1]}
         for index, name, kind in ((4, 'normal', 'f4'), (5, 'shadow', 'f1')):
             if name in layers:
-                result[name] = read_image(drawn, index, side, size, padding, 3, kind)
+                result[name] = read_image(drawn, index, side, size, 3, kind)
         return {name: result[name] for name in result if name in layers}
 
     def release(self) -> None:
@@ -153,14 +149,13 @@ def attachment(context: moderngl.Context, size: tuple[int, int],
 
 
 def read_image(target: moderngl.Framebuffer, index: int, side: int, size: tuple[int, int],
-               padding: tuple[int, int] = (0, 0), components: int = 1,
+               components: int = 1,
                kind: str = 'f4') -> NDArray[Any]:
     """Read one image of attachment `index`: (h, w) or (h, w, components).
 
     Args:
         side: 0 for the left image, 1 for the right.
-        size: Rows and columns drawn of each, `padding` columns and rows beyond the edges of the
-            image included.
+        size: Rows and columns drawn of each.
         kind: Of float32, of bytes ('f1') or of numbers of 16 bits ('nu2').
     """
     h, w = size
@@ -168,5 +163,4 @@ def read_image(target: moderngl.Framebuffer, index: int, side: int, size: tuple[
     pixels = np.empty(shape, _KINDS[kind])
     target.read_into(pixels, viewport=(0, side * h, w, h), components=components,
                      attachment=index, alignment=1, dtype=kind)
-    x, y = padding
-    return pixels[y:h - y, x:w - x]
+    return pixels

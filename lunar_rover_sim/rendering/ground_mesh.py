@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +12,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.chunk_tree import CHUNK, ChunkTree
 from lunar_rover_sim.rendering.context import release_all, set_uniform
+from lunar_rover_sim.rendering.relief_map import ReliefShape
 from lunar_rover_sim.world.grid import HeightGrid
 
 _LOWER = 256            # added to the column of a vertex at the lower rim of a skirt
@@ -28,19 +31,34 @@ class GridTexture:
         self.inner_half_m = inner_half_m
         self.tree = ChunkTree(grid, inner_half_m)
         heights = np.ascontiguousarray(grid.heights_m, np.float32)
-        self.heights = context.texture((grid.n, grid.n), 1, heights, dtype='f4')
-        self.heights.filter = (context.NEAREST, context.NEAREST)
-        self.heights.repeat_x = self.heights.repeat_y = False
+        self._heights = context.texture((grid.n, grid.n), 1, heights, dtype='f4')
+        self._heights.filter = (context.NEAREST, context.NEAREST)
+        self._heights.repeat_x = self._heights.repeat_y = False
 
     def bind(self, program: moderngl.Program) -> None:
         """Bind the heights for a program that draws chunks of this grid."""
-        self.heights.use(texture_units.HEIGHTS)
+        self._heights.use(texture_units.HEIGHTS)
         set_uniform(program, u_heights=texture_units.HEIGHTS, u_lattice=lattice(self.grid),
                     u_cell=self.grid.cell_m, u_inner=self.inner_half_m)
 
     def release(self) -> None:
         """Release the GL objects."""
-        self.heights.release()
+        self._heights.release()
+
+
+class GroundShape(NamedTuple):
+    """The finest grid, and what lies on it, for `surface_rows`.
+
+    Attributes:
+        heights, lattice: Of the grid.
+        bounds: Of the depths at which meshes are coarser than it.
+        relief: None where it has no shape.
+    """
+
+    heights: NDArray[np.float32]
+    lattice: NDArray[np.float32]
+    bounds: NDArray[np.float32]
+    relief: ReliefShape | None
 
 
 def lattice(grid: HeightGrid) -> tuple[float, float, float, float]:

@@ -1,33 +1,29 @@
-"""The pass of the ground: depth of its meshes, of the ground itself, then the light of pixels."""
+"""The pass of the ground: depth of its meshes, and what arrays need to find the ground itself."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 import dataclasses
 from typing import Any
 
 import moderngl
 import numpy as np
 
+from lunar_rover_sim.compiled import read_only
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.chunk_tree import CHUNK, level_ranges, Selection
 from lunar_rover_sim.rendering.config import DetailConfig
-from lunar_rover_sim.rendering.context import enable, load_program, release_all, set_uniform
-from lunar_rover_sim.rendering.crater_map import CraterMap, ROW
-from lunar_rover_sim.rendering.ground_mesh import ChunkMesh, GridTexture, lattice
+from lunar_rover_sim.rendering.context import load_program, release_all
+from lunar_rover_sim.rendering.ground_mesh import ChunkMesh, GridTexture, GroundShape, lattice
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
-from lunar_rover_sim.rendering.relief_brightness import LEVELS
 from lunar_rover_sim.rendering.relief_map import ReliefMap
-from lunar_rover_sim.rendering.surface import Surface, ZONE
-from lunar_rover_sim.rendering.track_map import DEFINES, TrackMap
+from lunar_rover_sim.rendering.surface import Surface
+from lunar_rover_sim.rendering.track_map import TrackMap
 from lunar_rover_sim.rendering.track_pass import TrackChoice, TrackPass
-from lunar_rover_sim.rendering.view import Window
 from lunar_rover_sim.world.model import World
 
 _MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
 _EXACT_MARGIN = 1.05      # of `exact_m`: skirts hang out of the boxes of their chunks
-_RELAXED = 1.5            # length of a step over the relief, over what its bounds of slopes allow
 _MESH_TRACKS = 0.85       # reach of the mesh of tracks, over that of the mesh at full resolution
 
 
@@ -53,38 +49,6 @@ class MeshKind:
 
 
 @dataclasses.dataclass(frozen=True)
-class PixelKind:
-    """What a program of pixels computes: depth of the ground itself, or else light or truth of it.
-
-    Attributes:
-        refined: Where meshes are coarser than the grid.
-        shaded: Where the shadow of the rover may fall.
-        tracks: Where there may be any.
-    """
-
-    surface: bool = False
-    refined: bool = False
-    lit: bool = False
-    shaded: bool = False
-    truth: bool = False
-    tracks: bool = False
-
-    @property
-    def defines(self) -> dict[str, Any]:
-        """Those of its shaders."""
-        truth = {'TRUTH': 1, 'CRATER_ROW': float(ROW)}
-        return {**({} if self.lit or self.surface else {'UNLIT': 1}),
-                **({'REFINE': 1} if self.refined else {}),
-                **({'ROVER_SHADOW': 1} if self.shaded else {}),
-                **(truth if self.truth else {}),
-                **({'TRACKS': 1, **DEFINES} if self.tracks else {})}
-
-
-_KINDS = (PixelKind(surface=True), PixelKind(surface=True, refined=True), PixelKind(),
-          PixelKind(lit=True), PixelKind(lit=True, shaded=True))
-
-
-@dataclasses.dataclass(frozen=True)
 class Chosen:
     """What a view shows of the ground: chunks of each level, and tracks if any are known."""
 
@@ -103,39 +67,28 @@ class GroundRows:
 
     Attributes:
         first, last: The first one, and the one after the last.
-        own: The same of those where the ground has a depth of its own, not that of its meshes.
         refined, tracks, shaded: The same of those where meshes are coarser than the grid, and of
             those that may show tracks and the rover's shadow.
     """
 
     first: int = 0
     last: int = 0
-    own: tuple[int, int] = (0, 0)
     refined: tuple[int, int] = (0, 0)
     tracks: tuple[int, int] = (0, 0)
     shaded: tuple[int, int] = (0, 0)
 
-    def parts(self, *needs: str) -> list[tuple[int, int, dict[str, bool]]]:
-        """Return spans of rows, first and one after the last, with which needs each has.
-
-        needs: of `PixelKind`: 'refined', 'shaded', 'tracks'
-        """
-        spans = {name: getattr(self, name) for name in needs}
-        cuts = sorted({self.first, self.last, *(row for span in spans.values() for row in span
-                                                if self.first < row < self.last)})
-        return [(top, bottom, {name: first <= top < end for name, (first, end) in spans.items()})
-                for top, bottom in zip(cuts, cuts[1:])]
-
 
 class GroundPass:
-    """Draws the nested height grids: depth of meshes, then light and truth of pixels."""
+    """Draws the depth of the nested height grids.
+
+    Attributes:
+        shape: The ground itself.
+    """
 
     def __init__(self, context: moderngl.Context, world: World, detail: DetailConfig,
-                 surface: Surface, lamp: bool) -> None:
-        """Make meshes and programs; surface: textures to light with; lamp: whether there is one.
-        """
-        self._context, self._detail, self._surface = context, detail, surface
-        self._lamp = lamp
+                 surface: Surface) -> None:
+        """Make meshes and programs; surface: has the relief below the grid."""
+        self._context, self._detail = context, detail
         self._levels: list[GridTexture] = []
         inner = 0.0
         for grid in world.levels:
@@ -146,56 +99,26 @@ class GroundPass:
         self._mesh_programs: dict[MeshKind, moderngl.Program] = {}
         self._load_meshes(MeshKind(outer, skirt) for outer in (False, True)
                           for skirt in (False, True))
-        self._programs: dict[PixelKind, moderngl.Program] = {}
-        self._screens: dict[PixelKind, moderngl.VertexArray] = {}
+        finest = world.levels[0]
+        numbers = np.array(lattice(finest), np.float32)
         reach = 0.0 if surface.tiles.flat else detail.relief_shape_m
-        self._relief = (ReliefMap(context, surface, self._levels[0], reach) if reach > 0.0
-                        else None)
-        self._load(_KINDS)
+        self._relief = ReliefMap(surface, finest, numbers, reach) if reach > 0.0 else None
+        self.shape = GroundShape(
+            read_only(finest.heights_m, np.float32), numbers,
+            np.array([0.8 * self._ranges[0][0], detail.exact_m, _MESH_ERROR_M], np.float32),
+            None if self._relief is None else self._relief.shape)
         self._tracks: TrackPass | None = None
-
-    @property
-    def programs(self) -> tuple[moderngl.Program, ...]:
-        """Those that compute light or truth, for the constants of the light."""
-        return tuple(self._programs.values())
 
     def _load_meshes(self, kinds: Iterable[MeshKind]) -> None:
         for kind in kinds:
             self._mesh_programs[kind] = load_program(self._context, 'terrain', 'terrain',
                                                      **kind.defines)
 
-    def _load(self, kinds: Iterable[PixelKind]) -> None:
-        """Compile programs of pixels."""
-        for kind in kinds:
-            relief = {'RELIEF': 1, 'RELAXED': _RELAXED} if self._relief is not None else {}
-            if kind.surface:
-                program = load_program(self._context, 'screen', 'surface', **relief,
-                                       **kind.defines)
-            else:
-                # Painted relief casts no shadow under the lamp: the camera beside it would see
-                # dark places where it should see the lit faces before them.
-                light = {**({'LAMP': 1} if self._lamp else {}),
-                         **({'SMOOTH': 1} if self._detail.smooth_outlines else {})}
-                program = load_program(self._context, 'screen', 'ground',
-                                       LEVELS=len(self._levels), RELIEF_LEVELS=LEVELS, ZONE=ZONE,
-                                       **relief, **kind.defines, **(light if kind.lit else {}))
-            # Samplers of two kinds may not share a unit, used or not.
-            set_uniform(program, u_crater_cells=texture_units.CRATER_CELLS,
-                        u_crater_list=texture_units.CRATER_LIST)
-            self._programs[kind] = program
-            self._screens[kind] = self._context.vertex_array(program, [])
-
-    def prepare_truth(self) -> None:
-        """Be able to draw truth from now on; adds to `programs`."""
-        self._load([dataclasses.replace(kind, truth=True) for kind in self._programs
-                    if not kind.surface])
-
     def follow(self, tracks: TrackMap) -> None:
-        """Draw tracks from now on; adds to `programs`."""
+        """Draw tracks from now on."""
         reach = _MESH_TRACKS * float(self._ranges[0][0])
         self._tracks = TrackPass(self._context, tracks, self._levels[0], reach)
         self._load_meshes(MeshKind(skirt=skirt, cut=True) for skirt in (False, True))
-        self._load([dataclasses.replace(kind, tracks=True) for kind in self._programs])
 
     def choose(self, volume: ViewVolume, around: Chosen | None = None) -> Chosen:
         """Choose what to draw for a view.
@@ -211,10 +134,14 @@ class GroundPass:
         tracks = None if self._tracks is None else self._tracks.choose(volume, levels[0])
         return Chosen(levels, tracks)
 
-    def update(self, volume: ViewVolume) -> None:
-        """Bring the shape of the relief below the grid up to date for a view."""
+    def update(self, volume: ViewVolume, before: Callable[[], None]) -> None:
+        """Bring the shape of the relief below the grid up to date for a view.
+
+        Args:
+            before: Called before anything changes.
+        """
         if self._relief is not None:
-            self._relief.update(volume)
+            self._relief.update(volume, before)
 
     def draw_depth(self, chosen: Chosen) -> None:
         """Draw the depth of the chosen meshes into the framebuffer in use."""
@@ -257,89 +184,19 @@ class GroundPass:
         near = self._not_beyond_exact(chosen.boxes, T_world_camera)
         top = projection.covered_rows(near, T_world_camera)[0] if len(near) else middle
         refined = (max(first, top), max(first, middle))
-        # Blocks of 2 x 2 pixels, which derivatives are of, see one texture.
-        own = ((first, last) if self._relief is not None
-               else (refined[0] // 2 * 2, (refined[1] + 1) // 2 * 2))
         tracks = (0, 0)
         if chosen.tracks is not None:
             tracks = projection.covered_rows(chosen.tracks.boxes, T_world_camera)
         shadow = projection.covered_rows(shaded, T_world_camera) if len(shaded) else (0, 0)
-        return GroundRows(first, last, own, refined, tracks, shadow)
+        return GroundRows(first, last, refined, tracks, shadow)
 
     def _not_beyond_exact(self, boxes: Array, T_world_camera: Array) -> Array:
         """Return those of (m, 2, 3) boxes in which rays may be intersected with the ground."""
         ahead = ((boxes - T_world_camera[:3, 3]) * T_world_camera[:3, 2]).min(axis=1).sum(axis=1)
         return boxes[ahead < _EXACT_MARGIN * self._detail.exact_m]
 
-    def draw_surface(self, target: moderngl.Framebuffer, window: Window, rows: GroundRows,
-                     mesh_depth: moderngl.Texture) -> None:
-        """Draw the depth of the ground itself, where it is not that of its meshes.
-
-        Args:
-            target: With the depth buffer that the meshes were drawn with.
-            rows: See `rows`.
-        """
-        context = self._context
-        # Without relief the depth buffer stays that of the meshes: writing it takes time.
-        context.enable_only(context.NOTHING if self._relief is None else context.DEPTH_TEST)
-        context.depth_func = '1'
-        target.use()
-        for top, bottom, needs in rows.parts('own', 'refined', 'tracks'):
-            if not needs.pop('own'):
-                continue
-            target.viewport = (window[0], window[1] + top, window[2], bottom - top)
-            self._draw_screen(PixelKind(surface=True, **needs), mesh_depth)
-        context.depth_func = '<'
-
-    def draw(self, target: moderngl.Framebuffer, window: Window, rows: GroundRows,
-             mesh_depth: moderngl.Texture, ground_depth: moderngl.Texture, *, lit: bool,
-             add: bool = False, truth: bool = False, craters: CraterMap | None = None) -> None:
-        """Light the pixels that the meshes cover, or with `lit` false, only compute their depth.
-
-        Args:
-            add: Whether to add to the present radiance.
-            target: With the depth buffer that the meshes were drawn with.
-            rows: See `rows`.
-            mesh_depth, ground_depth: Of the meshes; of the ground itself, where `draw_surface` has
-                drawn it.
-            truth: Whether to draw that too, into the attachments of `TruthTargets`; that of light
-                needs `lit`.
-            craters: None if their numbers are not asked for.
-        """
-        # Depth rejects blocks of pixels of the sky before they are computed.
-        enable(self._context, self._context.DEPTH_TEST, add=add)
-        self._context.depth_func = '>'
-        for top, bottom, needs in rows.parts(*(('shaded',) if lit else ()), 'own', 'tracks'):
-            target.viewport = (window[0], window[1] + top, window[2], bottom - top)
-            depth = ground_depth if needs.pop('own') else mesh_depth
-            kind = PixelKind(lit=lit, truth=truth, **needs)
-            if truth:
-                set_uniform(self._programs[kind], u_crater_texel=(0.0, 0.0))
-                if craters is not None:
-                    craters.bind(self._programs[kind])
-            self._draw_screen(kind, depth)
-        self._context.depth_func = '<'
-
-    def _draw_screen(self, kind: PixelKind, depth: moderngl.Texture) -> None:
-        program = self._programs[kind]
-        if not kind.surface:
-            self._surface.bind(program)
-        if self._relief is not None:
-            self._relief.bind(program)
-        depth.use(texture_units.GROUND_DEPTH)
-        set_uniform(program, u_depth=texture_units.GROUND_DEPTH)
-        if self._tracks is not None and kind.tracks:
-            self._tracks.bind(program)
-        if kind.refined:
-            finest = self._levels[0]
-            finest.heights.use(texture_units.HEIGHTS)
-            set_uniform(program, u_heights=texture_units.HEIGHTS, u_lattice=lattice(finest.grid),
-                        u_refine=(0.8 * self._ranges[0][0], self._detail.exact_m, _MESH_ERROR_M))
-        self._screens[kind].render(vertices=3)
-
     def release(self) -> None:
         """Release the GL objects."""
-        release_all(*self._screens.values(), *self.programs, *self._mesh_programs.values(),
-                    self._mesh, *self._levels, *([self._relief] if self._relief else []))
+        release_all(*self._mesh_programs.values(), self._mesh, *self._levels)
         if self._tracks is not None:
             self._tracks.release()

@@ -18,7 +18,7 @@ F32 = NDArray[np.float32]
 
 
 class LevelTexels(NamedTuple):
-    """Texels of a level, (n, n, 4) each, of u_ground and u_matter in shaders/ground.frag."""
+    """Texels of a level, (n, n, 4) each, of `ground` and `matter` in `grid_rows`."""
 
     ground: NDArray[np.float16]
     matter: NDArray[np.uint8]
@@ -55,7 +55,7 @@ class GroundTexels:
 
 def _ground_texels(heights_m: F32, cell_m: float, clearance_m: F32,
                    occluder_m: F32) -> NDArray[np.float16]:
-    """Return (n, n, 4) texels of u_ground in shaders/ground.frag."""
+    """Return (n, n, 4) texels of `ground` in `grid_rows.light_of_grid`."""
     n = heights_m.shape[0]
     data = np.empty((n, n, 4), np.float16)
     slope = np.empty((n, n), np.float32)
@@ -76,13 +76,13 @@ def _visibility(clearance_m: F32, occluder_m: F32, radius_rad: float) -> NDArray
 
 
 def _albedo_texels(albedo: F32) -> NDArray[np.uint8]:
-    """Return the first channel of u_matter in shaders/ground.frag."""
+    """Return the first channel of `matter` in `grid_rows.light_of_grid`."""
     return np.clip(np.rint(albedo * np.float32(127.5)), 0, 255).astype(np.uint8)
 
 
 def _matter_texels(albedo: NDArray[np.uint8], irradiance: F32,
                    surroundings: F32) -> NDArray[np.uint8]:
-    """Return (n, n, 4) texels of u_matter in shaders/ground.frag, without its last channel."""
+    """Return (n, n, 4) texels of `matter` in `grid_rows`, without their last channel."""
     n = albedo.shape[0]
     data = np.zeros((n, n, 4), np.uint8)
     data[..., 0] = albedo

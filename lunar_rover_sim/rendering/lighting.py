@@ -1,11 +1,13 @@
-"""The constants of the lighting shaders: sun and reflectance."""
+"""The constants of light: sun and reflectance, for shaders and for the loops of the ground."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination import colours, hapke
@@ -44,3 +46,44 @@ def lighting_constants(config: RenderConfig, sun_direction: Array) -> dict[str, 
         values.update({f'{name}.w': kind.w * factor, f'{name}.b': kind.b, f'{name}.c': kind.c,
                        f'{name}.b_s0': kind.b_s0, f'{name}.h_s': kind.h_s})
     return values
+
+
+@dataclasses.dataclass(frozen=True)
+class GroundConstants:
+    """Those of the ground, float32.
+
+    Attributes:
+        sun: (7,) unit vector to it, vector to it over level ground as `u_heading`, radius of its
+            disc [rad].
+        irradiance, diffuse: Of the sun, normal [W/m2]; diffuse albedo over pi.
+        law: (5,) w, b, c, b_s0, h_s.
+        trodden: (4,) as `u_trodden`.
+        tint: `u_soil_tint`, `u_tint_spread`, `u_tint_place`, `u_lamp_tint`.
+        smooth: Whether edges of shadows are drawn without steps.
+    """
+
+    sun: NDArray[np.float32]
+    irradiance: np.float32
+    diffuse: np.float32
+    law: NDArray[np.float32]
+    trodden: NDArray[np.float32]
+    tint: list[NDArray[np.float32]]
+    smooth: bool
+
+    @classmethod
+    def of(cls, values: dict[str, Any], smooth: bool) -> GroundConstants:
+        """Return those among `lighting_constants` with the place of the tint."""
+        def vector(*names: str) -> NDArray[np.float32]:
+            return np.array([number for name in names for number in np.ravel(values[name])],
+                            np.float32)
+        law = (f'u_regolith.{key}' for key in ('w', 'b', 'c', 'b_s0', 'h_s'))
+        return cls(vector('u_sun', 'u_heading', 'u_sun_radius'),
+                   np.float32(values['u_irradiance']), np.float32(values['u_diffuse'][0]),
+                   vector(*law), vector('u_trodden'),
+                   [vector(name) for name in ('u_soil_tint', 'u_tint_spread', 'u_tint_place',
+                                              'u_lamp_tint')], smooth)
+
+    @property
+    def towards(self) -> NDArray[np.float32]:
+        """(4,) unit vector to the sun, radius of its disc [rad]."""
+        return self.sun[[0, 1, 2, 6]]

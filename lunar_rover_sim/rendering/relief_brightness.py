@@ -139,7 +139,7 @@ def _polynomials(scales: Array) -> NDArray[np.float32]:
 
 
 def _values(polynomials: NDArray[np.float32]) -> Array:
-    """Return (LEVELS, 4) values, as `relief_scales` in shaders/relief.glsl."""
+    """Return (LEVELS, 4) values, as `shade_rows.shade` has them."""
     powers = np.arange(LEVELS)[:, None]**np.arange(4.0)
     return np.maximum(powers @ polynomials, LEAST_SCALES)
 
@@ -156,7 +156,7 @@ class _Law:
         return hapke.reflectance(cos_i, cos_e, cos_g, self.ground, albedo=self.albedo)
 
     def drawn(self, slope: Array, tangent: float, view: Array) -> Array:
-        """Return the reflectance of (m, 2) slopes to (..., 3) views, as in ground.frag."""
+        """Return the reflectance of (m, 2) slopes to (..., 3) views, as `shade_rows.shade`."""
         sun = np.array([1.0, 0.0, tangent]) / math.hypot(1.0, tangent)
         normal = np.column_stack([-slope, np.ones(len(slope))])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)

@@ -1,20 +1,25 @@
-"""The shape of the relief below the grid near the cameras: a texture that wraps around.
+"""The shape of the relief below the grid near the cameras: a map that wraps around.
 
 Depth is found by a ray's steps over these heights, and all that follows from depth sees one
-ground. A block is drawn when it comes into view; blocks far apart share a place.
+ground. A block is filled in when it comes into view; blocks far apart share a place.
 """
 
 from __future__ import annotations
 
-import moderngl
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.rendering import texture_units
-from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
-from lunar_rover_sim.rendering.ground_mesh import GridTexture, lattice
+from lunar_rover_sim.compiled import read_only
 from lunar_rover_sim.rendering.projection import ViewVolume
-from lunar_rover_sim.rendering.surface import Surface, ZONE
+from lunar_rover_sim.rendering.relief_rows import shape_of_block
+from lunar_rover_sim.rendering.relief_tiles import FINER
+from lunar_rover_sim.rendering.surface import Surface
+from lunar_rover_sim.world.grid import HeightGrid
+
+F32 = NDArray[np.float32]
 
 _TEXEL_M = 1.0 / 320.0      # that of the coarse tile
 _BLOCK = 80                # texels along a side
@@ -23,39 +28,60 @@ _BLOCKS = 22                # of the map, along a side: twice the most of `detai
 _LIFT_M = 1.0               # most that ground within reach is above or below that at the camera
 
 
-class ReliefMap:
-    """The texture of heights, and what brings it up to date.
+class ReliefShape(NamedTuple):
+    """The map, and how compiled loops read it.
 
     Attributes:
+        shape: As for `surface_rows.displace`.
+        numbers: `relief` there.
         reach_m: Distance up to which relief has shape.
     """
 
-    def __init__(self, context: moderngl.Context, surface: Surface, finest: GridTexture,
-                 reach_m: float) -> None:
-        """surface: has the tiles; finest: the ground that the relief lies on."""
-        self._context, self._surface, self._finest = context, surface, finest
-        self.reach_m, tiles = reach_m, surface.tiles
+    shape: F32
+    numbers: F32
+    reach_m: float
+
+
+NO_RELIEF = ReliefShape(np.zeros((0, 0, 2), np.float32), np.ones(3, np.float32), 0.0)
+
+
+class ReliefMap:
+    """The map of heights, and what brings it up to date.
+
+    Attributes:
+        shape: For compiled loops.
+    """
+
+    def __init__(self, surface: Surface, grid: HeightGrid, lattice: F32, reach_m: float) -> None:
+        """Allocate the map.
+
+        Args:
+            surface: Has the tiles.
+            grid, lattice: The ground that the relief lies on; see `ground_mesh.lattice`.
+        """
+        self._surface, self._lattice = surface, lattice
+        self._heights = read_only(grid.heights_m, np.float32)
+        tiles = surface.tiles
         side = _BLOCK * _BLOCKS
-        self._shape = context.texture((side, side), 2, bytes(4 * side**2), dtype='f2')
-        self._shape.filter = (context.LINEAR, context.LINEAR)
-        self._target = context.framebuffer([self._shape])
-        self._tiles = [_texture(context, tile.heights, tile.rises)
-                       for tile in (tiles.coarse, tiles.fine)]
-        self._most_m = float(tiles.coarse.heights.max() + tiles.fine.heights.max())
-        # Triangles are interpolated in the map, not in the heights below it.
-        self._between = context.sampler(filter=(context.LINEAR, context.LINEAR), repeat_x=False,
-                                        repeat_y=False)
-        self._program = load_program(context, 'relief_map', 'relief_map', ZONE=ZONE,
-                                     BLOCKS=float(_BLOCKS), BLOCK_M=_BLOCK_M)
-        self._instances = context.buffer(reserve=8 * _BLOCKS**2, dynamic=True)
-        self._array = context.vertex_array(self._program,
-                                           [(self._instances, '2f /i', 'i_block')])
+        # Texels of the fine tile are smaller than those of the map.
+        self._tiles = [np.stack([_halved(part, times) for part in (tile.heights, tile.rises)],
+                                axis=-1)
+                       for tile, times in ((tiles.coarse, 0), (tiles.fine, FINER))]
+        most_m = float(tiles.coarse.heights.max() + tiles.fine.heights.max())
+        self.shape = ReliefShape(np.zeros((side, side, 2), np.float32), np.array(
+            [1.0 / (_BLOCKS * _BLOCK_M), most_m, grid.half_extent_m - grid.cell_m], np.float32),
+            reach_m)
         self._drawn: NDArray[np.int64] = np.full((_BLOCKS, _BLOCKS, 2), np.iinfo(np.int64).max)
 
-    def update(self, volume: ViewVolume) -> None:
-        """Draw the blocks within reach that a view shows and that are not drawn yet."""
-        first = np.floor((volume.centre_m[:2] - self.reach_m) / _BLOCK_M).astype(np.int64)
-        end = np.floor((volume.centre_m[:2] + self.reach_m) / _BLOCK_M).astype(np.int64) + 1
+    def update(self, volume: ViewVolume, before: Callable[[], None]) -> None:
+        """Fill in the blocks within reach that a view shows and that are not there yet.
+
+        Args:
+            before: Called before anything changes.
+        """
+        reach_m = self.shape.reach_m
+        first = np.floor((volume.centre_m[:2] - reach_m) / _BLOCK_M).astype(np.int64)
+        end = np.floor((volume.centre_m[:2] + reach_m) / _BLOCK_M).astype(np.int64) + 1
         y, x = np.mgrid[first[1]:end[1], first[0]:end[0]]
         blocks = np.stack([x.ravel(), y.ravel()], axis=-1)
         rows, columns = blocks[:, 1] % _BLOCKS, blocks[:, 0] % _BLOCKS
@@ -68,44 +94,21 @@ class ReliefMap:
         boxes[:, 0, 2], boxes[:, 1, 2] = ground_m - _LIFT_M, ground_m + _LIFT_M
         new = np.flatnonzero(stale & volume.sees(boxes))
         if len(new):
+            before()
             self._drawn[rows[new], columns[new]] = blocks[new]
-            self._draw(blocks[new])
+            for block in blocks[new]:
+                self._fill(block)
 
-    def _draw(self, blocks: NDArray[np.int64]) -> None:
-        program, context = self._program, self._context
-        self._target.use()
-        self._target.viewport = (0, 0, *self._shape.size)
-        context.enable_only(context.NOTHING)
-        self._surface.bind(program)
-        self._finest.bind(program)
-        for name, texture, unit in (('u_shape_a', self._tiles[0], texture_units.SHAPE_A),
-                                    ('u_shape_b', self._tiles[1], texture_units.SHAPE_B)):
-            texture.use(unit)
-            set_uniform(program, **{name: unit})
-        self._instances.write(blocks.astype(np.float32).tobytes())
-        self._array.render(mode=context.TRIANGLE_STRIP, vertices=4, instances=len(blocks))
-
-    def bind(self, program: moderngl.Program) -> None:
-        """Bind the map for a program that includes near_relief.glsl."""
-        self._finest.heights.use(texture_units.BASE)
-        self._between.use(texture_units.BASE)
-        self._shape.use(texture_units.RELIEF)
-        grid = self._finest.grid
-        set_uniform(program, u_base=texture_units.BASE, u_relief=texture_units.RELIEF,
-                    u_lattice=lattice(grid),
-                    u_relief_scale=1.0 / (_BLOCKS * _BLOCK_M), u_relief_reach=self.reach_m,
-                    u_relief_most=(self._most_m, grid.half_extent_m - grid.cell_m))
-
-    def release(self) -> None:
-        """Release the GL objects."""
-        release_all(self._array, self._instances, self._program, self._between, self._target,
-                    self._shape, *self._tiles)
+    def _fill(self, block: NDArray[np.int64]) -> None:
+        texels = self._surface.texels
+        corner = (block * _BLOCK_M).astype(np.float32)
+        x, y = block % _BLOCKS * _BLOCK
+        shape_of_block(corner[0], corner[1], np.float32(_TEXEL_M), texels.tile, texels.zone,
+                       self._lattice, self._heights, *texels.coarse, *self._tiles,
+                       self.shape.shape[y:y + _BLOCK, x:x + _BLOCK])
 
 
-def _texture(context: moderngl.Context, *channels: NDArray[np.float32]) -> moderngl.Texture:
-    n = len(channels[0])
-    texels = np.stack(channels, axis=-1).astype(np.float16)
-    texture = context.texture((n, n), len(channels), np.ascontiguousarray(texels), dtype='f2')
-    texture.build_mipmaps()
-    texture.filter = (context.LINEAR_MIPMAP_NEAREST, context.LINEAR)
-    return texture
+def _halved(values: F32, times: int) -> F32:
+    """Return the means of squares of 2**times values along a side."""
+    n, side = len(values) >> times, 1 << times
+    return np.asarray(values.reshape(n, side, n, side).mean(axis=(1, 3)), np.float32)

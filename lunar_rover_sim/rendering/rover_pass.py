@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.illumination.sunlight import Sunlight
 from lunar_rover_sim.rendering import texture_units
-from lunar_rover_sim.rendering.context import enable, load_program, release_all, set_uniform
+from lunar_rover_sim.rendering.context import (enable, load_program, release_all, set_uniform,
+                                               Uniforms)
 from lunar_rover_sim.rendering.projection import ViewVolume
-from lunar_rover_sim.rendering.scene import Uniforms
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.visual import link_poses, visual_parts, VisualPart
 
@@ -154,9 +154,9 @@ class RoverPass:
             depth: Of all that is seen, in a texture of the same size [m].
         """
         self._context.enable_only(self._context.DEPTH_TEST)
-        depth.use(texture_units.GROUND_DEPTH)
+        depth.use(texture_units.OBJECT_DEPTH)
         set_uniform(self._mark, u_links=_columns(T_world_links),
-                    u_depth=texture_units.GROUND_DEPTH)
+                    u_depth=texture_units.OBJECT_DEPTH)
         self._arrays[self._mark.glo].render()
 
     def release(self) -> None:

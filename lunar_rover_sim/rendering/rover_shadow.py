@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering import texture_units
-from lunar_rover_sim.rendering.scene import Uniforms
+from lunar_rover_sim.rendering.context import Uniforms
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.visual import link_poses, visual_parts, VisualPart
 
@@ -39,6 +39,27 @@ class _Piece(NamedTuple):
     faces: NDArray[np.int32]
 
 
+class CastShadow(NamedTuple):
+    """The shadow in one pose.
+
+    Attributes:
+        uniforms: Of shaders that look it up.
+        silhouette: (MAP, MAP, 2) as `RoverShadow.silhouette`; None if it is out of view.
+        axes: Two of that map, over its half extent.
+        centre: World position of the rover [m].
+    """
+
+    uniforms: Uniforms
+    silhouette: F32 | None
+    axes: Array
+    centre: Array
+
+    def seen_from(self, camera: Array) -> F32:
+        """Return (9,) axes of the map, and x and y of the rover and its height over a camera."""
+        return np.array([*self.axes.ravel(), *self.centre[:2], self.centre[2] - camera[2]],
+                        np.float32)
+
+
 class RoverShadow:
     """Owns the silhouette map of the rover."""
 
@@ -58,10 +79,11 @@ class RoverShadow:
         self.radius_m = reach
         self._half_m = reach + _MARGIN_M    # half extent of the silhouette map
         self._map: moderngl.Texture | None = None
+        self._silhouette: F32 | None = None
         self._drawn: bytes | None = None    # what the map was drawn for
 
-    def cast(self, T_world_links: Array, sun_axes: Array, *, seen: bool) -> Uniforms:
-        """Draw the map of the shadow for `bind`; return where it is.
+    def cast(self, T_world_links: Array, sun_axes: Array, *, seen: bool) -> CastShadow:
+        """Draw the map of the shadow for `bind`; return it.
 
         Args:
             T_world_links: (links, 4, 4).
@@ -74,13 +96,15 @@ class RoverShadow:
             # Further cameras, and all faces of a fisheye, show the rover in the same pose.
             wanted = T_world_links.tobytes() + sun_axes.tobytes()
             if wanted != self._drawn:
-                self._upload(self.silhouette(T_world_links, sun_axes))
+                self._silhouette = self.silhouette(T_world_links, sun_axes)
+                self._upload(self._silhouette)
                 self._drawn = wanted
         else:
             centre = centre + _NOWHERE_M * up
-        return {'u_rover_map': texture_units.ROVER_SHADOW,
-                'u_rover_right': tuple(right / self._half_m),
-                'u_rover_up': tuple(up / self._half_m), 'u_rover_centre': tuple(centre)}
+        axes = np.stack([right, up]) / self._half_m
+        uniforms = {'u_rover_map': texture_units.ROVER_SHADOW, 'u_rover_right': tuple(axes[0]),
+                    'u_rover_up': tuple(axes[1]), 'u_rover_centre': tuple(centre)}
+        return CastShadow(uniforms, self._silhouette if seen else None, axes, centre)
 
     def bind(self) -> None:
         """Bind the map."""

@@ -20,7 +20,10 @@ from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rendering.canvas import Drawing
+from lunar_rover_sim.rendering.context import Uniforms
 from lunar_rover_sim.rendering.frame import FLOWS, LAYERS, RIGHT_TRUTH
+from lunar_rover_sim.rendering.ground_picture import GroundPicture
+from lunar_rover_sim.rendering.rover_shadow import CastShadow
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
 
@@ -29,8 +32,6 @@ _SHADED = ({'left', 'radiance'}, {'right'})     # layers that need light, by sid
 _TRUTH = {'normal', 'label', 'crater', 'shadow'}
 _PREFIXES = ('', 'right_')      # of layers of truth, by side
 _NEAREST_M = 0.1                # least depth of a link that its motion is judged by
-
-Uniforms = dict[str, Any]       # values by the names of shader uniforms
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,11 +130,11 @@ class SceneLight:
     """What the light of one source needs of a frame.
 
     Attributes:
-        shadow: Uniforms of the rover's shadow.
+        shadow: That of the rover.
         body: Of the light on the rover, None if it is out of view.
     """
 
-    shadow: Uniforms
+    shadow: CastShadow
     body: Uniforms | None
 
 
@@ -151,6 +152,7 @@ class Scene:
         sun: What the cameras see of the sun, None if it cannot reach their lenses.
         above_m: Height of the middle of the cameras above the ground.
         shows_rover: Whether the rover is in view.
+        ground: What arrays make of the ground, by the drawing and the side of its images.
     """
 
     request: Request
@@ -163,6 +165,7 @@ class Scene:
     sun: SeenSun | None = None
     above_m: float = 0.0
     shows_rover: bool = False
+    ground: GroundPicture | None = None
 
     @property
     def drawings(self) -> tuple[Drawing, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import dataclasses
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -19,12 +20,13 @@ from lunar_rover_sim.camera.outlines import smooth_outlines
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.canvas import Canvas, Drawing
 from lunar_rover_sim.rendering.config import RenderConfig
-from lunar_rover_sim.rendering.context import clear_window
+from lunar_rover_sim.rendering.context import clear_colour, clear_window
 from lunar_rover_sim.rendering.earth_image import EarthImage
 from lunar_rover_sim.rendering.frame import FLOWS
 from lunar_rover_sim.rendering.frame_targets import LinkTargets, read_image
 from lunar_rover_sim.rendering.gl_owner import GlOwner
 from lunar_rover_sim.rendering.ground_pass import Chosen
+from lunar_rover_sim.rendering.ground_picture import cover, GroundPicture, Part, tell
 from lunar_rover_sim.rendering.labels import link_label
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
 from lunar_rover_sim.rendering.scene import LEFT, Request, Scene, SceneLight
@@ -40,11 +42,13 @@ class Drawn:
     Attributes:
         samples: Radiance and depth, with several samples a pixel where that is wanted.
         depth_m: (h, w) of pixels, as in `LitImage`; those of the samples where these are pixels.
+        truth: Layers of truth but depth, (h, w) or (h, w, 3) of pixels.
         link: (h, w) as in `LitImage`, where links of the rover were asked for and are in view.
     """
 
     samples: dict[int, LitImage]
     depth_m: dict[int, NDArray[np.float32]]
+    truth: dict[int, dict[str, NDArray[Any]]]
     link: dict[int, NDArray[np.uint8]]
 
 
@@ -118,8 +122,8 @@ class ScenePasses(GlOwner):
         sources = shared.sources if request.lit else (shared,)
         for source in sources:
             if source.tracks is not None:
-                source.tracks.update(volume)
-        shared.ground.update(volume)
+                source.tracks.update(volume, shared.make_waiting)
+        shared.ground.update(volume, shared.make_waiting)
         chosen = shared.ground.choose(volume, around)
         if shared.lamp is not None and request.lit:
             shared.lamp.draw(T_world_base, shared.world, shared.ground, shared.rocks)
@@ -141,12 +145,6 @@ class ScenePasses(GlOwner):
                     scene.lights = [self._choose_lit(source, scene, volume, chosen)
                                     for source in sources]
                 shared.ground.draw_depth(chosen)
-        for drawing in scene.drawings:
-            for side in drawing.sides:
-                targets = drawing.targets
-                targets.views[side].bind()
-                shared.ground.draw_surface(targets.surface[side], drawing.windows[side],
-                                           drawing.rows[0], targets.mesh_depth)
         return scene
 
     def _begin(self, request: Request) -> tuple[Drawing, Drawing]:
@@ -178,35 +176,73 @@ class ScenePasses(GlOwner):
         return SceneLight(cast, body)
 
     def light(self, scene: Scene) -> None:
-        """Light the ground, and draw rocks and the rover over it, with the truth of pixels."""
+        """Draw rocks and the rover with the truth of pixels; the ground waits for its light."""
         for source, light in zip(self._shared.sources, scene.lights):
-            source.set_uniforms(**light.shadow)
+            source.set_uniforms(**light.shadow.uniforms)
             if light.body is not None:
                 source.body.cast(scene.T_world_links, source.sun_axes,
                                  source.rover_shadow.radius_m)
         for drawing in scene.drawings:
             for side in drawing.sides:
                 self._look_from(scene, drawing, side)
-                self._draw_ground(scene, drawing, side)
                 self._draw_objects(scene, drawing, side)
                 self._add_objects(scene, drawing, side)
         self._sun.read(scene)
+        scene.ground = self._ground(scene)
+        self._shared.waiting.append(scene.ground)
+
+    def _ground(self, scene: Scene) -> GroundPicture:
+        """Return the ground of a scene, which is not made yet."""
+        shared = self._shared
+        lamp = (shared.lamp.read(scene.state.T_world_base)
+                if shared.lamp is not None and scene.request.lit else None)
+        parts = {}
+        for number, drawing in enumerate(scene.drawings):
+            for side in drawing.sides:
+                truth = self._truth_of(scene, drawing, side)
+                sources = [source.light_on_ground(light, None if k else lamp)
+                           for k, (source, light) in enumerate(self._lights(scene, drawing, side))]
+                parts[number, side] = Part(
+                    drawing, side, side in drawing.lit_sides or 'shadow' in truth, self._colour,
+                    truth, shared.ground.shape, sources,
+                    shared.crater_lists() if 'crater' in truth else None)
+        return GroundPicture(shared.workers, parts)
 
     def read(self, scene: Scene, *, links: bool) -> Drawn:
-        """Read radiance and depth of a scene that has just been lit; links: those too."""
+        """Read what was drawn of a scene that has just been lit; links: those too."""
         request = scene.request
-        depth_m = {side: _read(self._pixels, 1, side) for side in request.sides
-                   if side in request.lit_sides or request.depth_of(side)}
+        assert scene.ground is not None
+        scene.ground.read()
+        depth_m = {side: _read(self._pixels, 1, side) for side in request.sides}
         one = self._samples is self._pixels
         samples = {side: LitImage(_read(self._samples, 0, side), depth_m[side] if one
                                   else _read(self._samples, 1, side),
                                   tint=_tint(self._samples, side) if self._colour else None)
                    for side in request.lit_sides}
-        return Drawn(samples, depth_m, self._links(scene) if links and scene.shows_rover else {})
+        size = self._pixels.projection.height, self._pixels.projection.width
+        truth = {side: scene.pixels.targets.truth.read(request.truth_of(side), side, size)
+                 for side in request.sides if request.truth_of(side)}
+        return Drawn(samples, depth_m, truth,
+                     self._links(scene) if links and scene.shows_rover else {})
 
     def finish(self, scene: Scene, drawn: Drawn) -> dict[int, LitImage]:
-        """Return the lit images of a scene, by side: with smooth outlines, Earth and sun."""
-        samples = drawn.samples
+        """Return the lit images of a scene, by side: with smooth outlines, Earth and sun.
+
+        The ground is added to what was drawn.
+        """
+        samples, ground = drawn.samples, scene.ground
+        assert ground is not None
+        ground.make()
+        if ground in self._shared.waiting:
+            self._shared.waiting.remove(ground)
+        last = len(scene.drawings) - 1
+        for side, image in samples.items():
+            cover(image, ground.images[0, side])
+        for side, depth_m in drawn.depth_m.items():
+            own = ground.images[last, side]
+            if last or side not in samples:
+                cover(LitImage(np.zeros_like(depth_m), depth_m), own)
+            tell(drawn.truth.get(side, {}), depth_m, own)
         self._earth.draw(scene, samples.values())   # before outlines in front of it are smoothed
         if self._config.detail.smooth_outlines:
             pixel = 1.0 / self._samples.projection.focal_px
@@ -216,24 +252,6 @@ class ScenePasses(GlOwner):
         return {side: LitImage(_averaged(image.radiance, self._times), drawn.depth_m[side],
                                drawn.link.get(side), _averaged_tint(image, self._times))
                 for side, image in samples.items()}
-
-    def _draw_ground(self, scene: Scene, drawing: Drawing, side: int) -> None:
-        """Draw the ground under the sun with its truth, and add the light of other sources."""
-        targets, window = drawing.targets, drawing.windows[side]
-        wanted = self._truth_of(scene, drawing, side)
-        lit = side in drawing.lit_sides or 'shadow' in wanted
-        craters = self._shared.crater_map() if 'crater' in wanted else None
-        for number, (source, _) in enumerate(self._lights(scene, drawing, side)):
-            target = targets.added[side] if number else self._target(scene, drawing, side)
-            target.depth_mask = False   # the depth buffer is that of the ground already
-            if number == 0:
-                clear_window(target, window)
-            target.use()
-            source.rover_shadow.bind()
-            source.ground.draw(target, window, drawing.rows[number], targets.mesh_depth,
-                               targets.ground_depth, lit=lit, add=number > 0,
-                               truth=bool(wanted) and number == 0, craters=craters)
-            target.depth_mask = True
 
     @staticmethod
     def _truth_of(scene: Scene, drawing: Drawing, side: int) -> set[str]:
@@ -291,8 +309,9 @@ class ScenePasses(GlOwner):
     def _draw_objects(self, scene: Scene, drawing: Drawing, side: int) -> None:
         truth = bool(self._truth_of(scene, drawing, side))
         target = self._target(scene, drawing, side)
-        target.use()
-        target.viewport = drawing.windows[side]
+        # The depth buffer is that of the meshes, unless relief has a shape of its own.
+        clear_colour(target, drawing.windows[side],
+                     depth=self._shared.ground.shape.relief is not None)
         self._shared.rover_shadow.bind()
         self._shared.rocks.draw(truth=truth)
         body = scene.lights[0].body

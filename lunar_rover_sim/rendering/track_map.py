@@ -1,4 +1,4 @@
-"""The tracks of an overlay as textures in two windows around the cameras, as far as they are seen.
+"""The tracks of an overlay as texels in two windows around the cameras, as far as they are seen.
 
 Both windows wrap around: a tile always has the same place in them, which it shares with tiles far
 away. A tile is computed when it comes into view, and again in view after it, or what casts a
@@ -7,7 +7,9 @@ shadow on it, has changed. Tracks behind the rover cost nothing.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
+from typing import Any, NamedTuple
 
 import moderngl
 import numpy as np
@@ -15,27 +17,55 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
 from lunar_rover_sim.rendering import texture_units
-from lunar_rover_sim.rendering.context import release_all, set_uniform
+from lunar_rover_sim.rendering.context import set_uniform
 from lunar_rover_sim.rendering.projection import ViewVolume
 from lunar_rover_sim.rendering.track_texels import (FAR_TEXELS, LEVELS, REACH_M, Surroundings,
                                                     TILE, track_texels, TrackSun, TrackTexels)
 from lunar_rover_sim.world.grid import HeightGrid
 
+F32 = NDArray[np.float32]
+
 TILE_M = TILE * CELL_M
 NEAR_TILES, FAR_TILES = 40, 128
-DEFINES = {'PRINT_OFFSET': f'{0.5 / (NEAR_TILES * TILE):.9f}',
-           'PRINT_LOG2': f'{-math.log2(CELL_M):.6f}', 'PRINT_CELL': f'{CELL_M:.6f}',
-           'FAR_OFFSET': f'{0.5 * CELL_M / (FAR_TILES * TILE_M):.9f}'}
+DEFINES = {'PRINT_OFFSET': f'{0.5 / (NEAR_TILES * TILE):.9f}', 'PRINT_CELL': f'{CELL_M:.6f}'}
 _SEAM_TILES = 2             # unused at the edges of a window, where tiles wrap around
 _CORNERS = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
 _HEIGHT_M, _MARGIN_M = 0.06, 0.05    # of the boxes of tiles, upright and sideways
 _RIM_M = 0.02               # greatest height of a rim that casts a shadow
 
 
-class TrackMap:
-    """The textures of the tracks.
+class TrackArrays(NamedTuple):
+    """The windows for compiled loops; those explain them.
 
     Attributes:
+        windows, sizes, touched, near, near_first, near_side, far: Of `track_rows.prints_of`.
+    """
+
+    windows: F32
+    sizes: F32
+    touched: NDArray[np.bool_]
+    near: F32
+    near_first: NDArray[np.int64]
+    near_side: NDArray[np.int64]
+    far: F32
+
+    @property
+    def of_shape(self) -> tuple[Any, ...]:
+        """What `surface_rows` take."""
+        return self.windows, self.touched, self.near, int(self.near_side[0])
+
+
+NO_TRACKS = TrackArrays(
+    np.zeros(6, np.float32), np.zeros(3, np.float32), np.zeros((1, 1), bool),
+    np.zeros((1, 6), np.float32), np.zeros(1, np.int64), np.ones(1, np.int64),
+    np.zeros((1, 1, 3), np.float32))
+
+
+class TrackMap:
+    """The texels of the tracks.
+
+    Attributes:
+        arrays: For compiled loops.
         keys: (n, 2) tiles that have tracks, or may lie in their shadow.
         blocks: (n, 2, 2) which of their blocks have relief.
         boxes: (n, 2, 3) [m].
@@ -54,21 +84,21 @@ class TrackMap:
         self._stale, self._full = np.zeros(0, bool), np.zeros(0, bool)
         self._checksums: dict[tuple[int, int], int] = {}
         self._around = _around(sun)
-        self.centre_m = np.zeros(2)
         side, far_side = NEAR_TILES * TILE, FAR_TILES * FAR_TEXELS
-        self._prints = _texture(context, side, 4, LEVELS)
-        self._soil = _texture(context, side, 2, LEVELS)
-        self._far_prints = _texture(context, far_side, 4, 1)
+        self._soil = context.texture((side, side), 2, bytes(4 * side * side), dtype='f2')
+        self._soil.filter = (context.LINEAR, context.LINEAR)
         self._untouched = _untouched()
-        for level in range(LEVELS):
-            for texture, data in ((self._prints, self._untouched.prints),
-                                  (self._soil, self._untouched.soil)):
-                texture.write(np.tile(data[level], (NEAR_TILES, NEAR_TILES, 1)), level=level)
-        self._far_prints.write(np.tile(self._untouched.far, (FAR_TILES, FAR_TILES, 1)))
-        # Which tiles have anything to show: most pixels need not look any further.
-        self._touched = context.texture((FAR_TILES, FAR_TILES), 1, bytes(FAR_TILES ** 2),
-                                        alignment=1, dtype='f1')
-        self._touched.filter = (context.NEAREST, context.NEAREST)
+        # Texels are what differs from untouched ground: few of the pages are ever written to.
+        sides = np.array([side >> level for level in range(LEVELS)])
+        near, far = NEAR_TILES * TILE_M, FAR_TILES * TILE_M
+        self.arrays = TrackArrays(
+            np.array([1.0 / near, 0.5 * near - _SEAM_TILES * TILE_M, 1.0 / far,
+                      0.5 * far - _SEAM_TILES * TILE_M, 0.0, 0.0], np.float32),
+            np.array([CELL_M, -math.log2(CELL_M), 0.0], np.float32),
+            # Most pixels need not look any further than whether a tile has anything to show.
+            np.zeros((FAR_TILES, FAR_TILES), bool),
+            np.zeros((int((sides**2).sum()), 6), np.float32),
+            np.cumsum([0, *sides[:-1]**2]), sides, np.zeros((far_side, far_side, 3), np.float32))
 
     def relight(self, sun: TrackSun) -> None:
         """Move the sun: all shadows are computed again."""
@@ -78,25 +108,35 @@ class TrackMap:
         for key in list(self._index):
             self._add_around(key)
 
-    def update(self, volume: ViewVolume) -> None:
-        """Bring what a view shows up to date with the overlay."""
+    def update(self, volume: ViewVolume, before: Callable[[], None]) -> None:
+        """Bring what a view shows up to date with the overlay.
+
+        Args:
+            before: Called before anything changes that pixels show.
+        """
         if self._overlay.writes > self._seen:
             for key in self._overlay.tiles_since(self._seen, TILE):
                 self._add_around(key)
             self._seen = self._overlay.writes
-        self.centre_m = np.round(volume.centre_m[:2] / TILE_M) * TILE_M
-        away = np.abs((self.keys + 0.5) * TILE_M - self.centre_m).max(axis=1, initial=0.0)
+        centre_m = np.round(volume.centre_m[:2] / TILE_M) * TILE_M
+        away = np.abs((self.keys + 0.5) * TILE_M - centre_m).max(axis=1, initial=0.0)
         inside = away < (NEAR_TILES // 2 - 1) * TILE_M
         inside_far = away < (FAR_TILES // 2 - 1) * TILE_M
-        for k in np.flatnonzero(self.near & ~inside):
+        left, left_far = self.near & ~inside, self._far & ~inside_far
+        seen = inside_far & volume.sees(self.boxes)
+        stale = seen & (self._stale | ~self._far | (inside & ~self.near))
+        if (left.any() or left_far.any() or stale.any()
+                or np.any(self.arrays.windows[4:] != centre_m.astype(np.float32))):
+            before()
+        self.arrays.windows[4:] = centre_m
+        for k in np.flatnonzero(left):
             self._write_near(self._key(int(k)), self._untouched)
             self.near[k] = False
-        for k in np.flatnonzero(self._far & ~inside_far):
+        for k in np.flatnonzero(left_far):
             self._write_far(self._key(int(k)), self._untouched.far, False)
             self._far[k] = self._full[k] = False
             self._stale[k] = True
-        seen = inside_far & volume.sees(self.boxes)
-        for k in np.flatnonzero(seen & (self._stale | ~self._far | (inside & ~self.near))):
+        for k in np.flatnonzero(stale):
             self._draw_tile(int(k), bool(inside[k]))
 
     def in_view(self, volume: ViewVolume) -> NDArray[np.bool_]:
@@ -104,23 +144,13 @@ class TrackMap:
         return self._full & volume.sees(self.boxes)
 
     def bind(self, program: moderngl.Program) -> None:
-        """Bind the textures for a program that draws or lights tracks."""
-        for texture, unit in ((self._touched, texture_units.TOUCHED),
-                              (self._prints, texture_units.PRINTS),
-                              (self._soil, texture_units.SOIL),
-                              (self._far_prints, texture_units.FAR_PRINTS)):
-            texture.use(unit)
-        near, far = NEAR_TILES * TILE_M, FAR_TILES * TILE_M
-        set_uniform(program, u_touched=texture_units.TOUCHED, u_prints=texture_units.PRINTS,
-                    u_soil=texture_units.SOIL,
-                    u_far_prints=texture_units.FAR_PRINTS,
-                    u_windows=(1.0 / near, 0.5 * near - _SEAM_TILES * TILE_M, 1.0 / far,
-                               0.5 * far - _SEAM_TILES * TILE_M),
-                    u_window_centre=tuple(self.centre_m.tolist()))
+        """Bind the height changes for a program that draws tracks."""
+        self._soil.use(texture_units.SOIL)
+        set_uniform(program, u_soil=texture_units.SOIL, u_near_scale=self.arrays.windows[0])
 
     def release(self) -> None:
         """Release the GL objects."""
-        release_all(self._prints, self._soil, self._far_prints, self._touched)
+        self._soil.release()
 
     def _draw_tile(self, k: int, near: bool) -> None:
         """Compute a tile anew if anything has changed that it shows, and write it."""
@@ -168,18 +198,27 @@ class TrackMap:
         self._stale, self._full = np.append(self._stale, ~none), np.append(self._full, none)
 
     def _write_near(self, key: tuple[int, int], texels: TrackTexels) -> None:
-        for level in range(LEVELS):
-            side = TILE >> level
-            area = key[0] % NEAR_TILES * side, key[1] % NEAR_TILES * side, side, side
-            for texture, data in ((self._prints, texels.prints), (self._soil, texels.soil)):
-                texture.write(np.ascontiguousarray(data[level]), area, level=level)
+        soil = np.ascontiguousarray(texels.soil[0])
+        x, y = key[0] % NEAR_TILES, key[1] % NEAR_TILES
+        self._soil.write(soil, (x * TILE, y * TILE, TILE, TILE))
+        arrays = self.arrays
+        for level, (first, side) in enumerate(zip(arrays.near_first.tolist(),
+                                                  arrays.near_side.tolist())):
+            window = arrays.near[first:first + side * side].reshape(side, side, 6)
+            size = TILE >> level
+            tile = window[y * size:(y + 1) * size, x * size:(x + 1) * size]
+            prints, untouched = (part.prints[level].astype(np.float32)
+                                 for part in (texels, self._untouched))
+            tile[..., :3] = prints[..., :3] - untouched[..., :3]
+            tile[..., 3] = untouched[..., 3] - prints[..., 3]
+            tile[..., 4:] = texels.soil[level]
 
     def _write_far(self, key: tuple[int, int], texels: NDArray[np.float16], full: bool) -> None:
-        place = key[0] % FAR_TILES, key[1] % FAR_TILES, 1, 1
-        self._touched.write(b'\xff' if full else b'\0', place, alignment=1)
-        side = FAR_TEXELS
-        self._far_prints.write(np.ascontiguousarray(texels), (
-            key[0] % FAR_TILES * side, key[1] % FAR_TILES * side, side, side))
+        x, y = key[0] % FAR_TILES, key[1] % FAR_TILES
+        self.arrays.touched[y, x] = full
+        size = FAR_TEXELS
+        self.arrays.far[y * size:(y + 1) * size, x * size:(x + 1) * size] = (
+            texels[..., :3].astype(np.float32) - self._untouched.far[..., :3])
 
 
 def _untouched() -> TrackTexels:
@@ -196,15 +235,3 @@ def _around(sun: TrackSun) -> list[tuple[int, int]]:
         tiles |= {(math.floor(x + dx), math.floor(y + dy)) for dx in (-0.5, 0.5)
                   for dy in (-0.5, 0.5)}
     return sorted(tiles)
-
-
-def _texture(context: moderngl.Context, side: int, components: int,
-             levels: int) -> moderngl.Texture:
-    texture = context.texture((side, side), components, dtype='f2')
-    if levels > 1:
-        texture.build_mipmaps(0, levels - 1)
-        texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
-    else:
-        texture.filter = (context.LINEAR, context.LINEAR)
-    texture.repeat_x = texture.repeat_y = True
-    return texture

@@ -81,10 +81,6 @@ class TrackPass:
         for mesh, instances in zip(self._meshes, choice.blocks):
             mesh.draw(instances)
 
-    def bind(self, program: moderngl.Program) -> None:
-        """Bind the tracks for a program that lights them."""
-        self._tracks.bind(program)
-
     def bind_cut(self, program: moderngl.Program) -> None:
         """Bind where blocks have been drawn."""
         self._cut.use(texture_units.CUT)

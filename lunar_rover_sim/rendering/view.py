@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
@@ -18,8 +21,34 @@ _BLOCK = np.dtype([(name, kind, size) for name, kind, size in (
     ('centre', 'f4', 2))])
 
 
+class ViewNumbers(NamedTuple):
+    """The same for compiled loops.
+
+    Attributes:
+        numbers: (16,) float32: the ray through pixel (0, 0) to depth 1, its steps per column and
+            per row, world position [m], optical axis, size of a pixel at depth 1.
+        camera: (3,) world position [m].
+        middle: (2,) that of the middle of all cameras [m].
+    """
+
+    numbers: NDArray[np.float32]
+    camera: Array
+    middle: Array
+
+    @property
+    def pixel(self) -> float:
+        """Size of a pixel at depth 1."""
+        return float(self.numbers[15])
+
+
 class View:
-    """The uniform block of one camera."""
+    """The uniform block of one camera.
+
+    Attributes:
+        numbers: What it has, for compiled loops.
+    """
+
+    numbers: ViewNumbers
 
     def __init__(self, context: moderngl.Context) -> None:
         self._buffer = context.buffer(reserve=_BLOCK.itemsize, dynamic=True)
@@ -43,6 +72,10 @@ class View:
         block['first_row'] = window[1]
         block['texel'] = 1.0 / np.array(size)
         block['centre'] = volume.centre_m[:2] - camera[:2, 3]
+        self.numbers = ViewNumbers(
+            np.concatenate([block['ray'], block['ray_right'][:3], block['ray_down'][:3],
+                            block['camera'], block['axis'], [block['pixel']]]).astype(np.float32),
+            camera[:3, 3], volume.centre_m[:2])
         self._buffer.orphan()   # the previous content may still be in use
         self._buffer.write(block.tobytes())
 

@@ -15,15 +15,18 @@ from lunar_rover_sim.illumination.earthshine import earth_as_sun
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import set_uniform
-from lunar_rover_sim.rendering.crater_map import CraterMap
+from lunar_rover_sim.rendering.crater_map import crater_lists, CraterLists
 from lunar_rover_sim.rendering.gl_owner import GlOwner
+from lunar_rover_sim.rendering.ground_band import GroundSource
 from lunar_rover_sim.rendering.ground_pass import GroundPass
+from lunar_rover_sim.rendering.ground_picture import GroundPicture, Workers
 from lunar_rover_sim.rendering.ground_texels import GroundTexels
-from lunar_rover_sim.rendering.lamp_shadow import LampShadow
-from lunar_rover_sim.rendering.lighting import lighting_constants
+from lunar_rover_sim.rendering.lamp_shadow import LampLight, LampShadow
+from lunar_rover_sim.rendering.lighting import GroundConstants, lighting_constants
 from lunar_rover_sim.rendering.rock_pass import RockPass
 from lunar_rover_sim.rendering.rover_pass import RoverPass
 from lunar_rover_sim.rendering.rover_shadow import RoverShadow
+from lunar_rover_sim.rendering.scene import SceneLight
 from lunar_rover_sim.rendering.surface import Surface
 from lunar_rover_sim.rendering.track_map import TrackMap
 from lunar_rover_sim.rendering.track_texels import TrackSun
@@ -45,6 +48,8 @@ class WorldPasses(GlOwner):
         lamp: None without a lamp.
         tracks: None before `follow`.
         programs: Of all passes that compute light or truth.
+        workers: Threads that light the ground.
+        waiting: Frames whose ground is not made yet.
         earth: Passes of the light of the Earth, as if that were the sun; None if it is not drawn.
     """
 
@@ -66,7 +71,7 @@ class WorldPasses(GlOwner):
         self._light_surface(light)
         sunlight = light.sunlight
         lamp = config.lamp.power_w > 0.0
-        self.ground = self._own(GroundPass(context, world, config.detail, self._surface, lamp))
+        self.ground = self._own(GroundPass(context, world, config.detail, self._surface))
         self.rocks = self._own(RockPass(context, sunlight.rocks, world.rock_shapes,
                                         light.rock_light,
                                         world.height_at(sunlight.rocks.position_m[:, :2]),
@@ -75,8 +80,10 @@ class WorldPasses(GlOwner):
         self.rover_shadow = self._own(RoverShadow(context, self.rover))
         self.lamp = self._own(LampShadow(context, config.lamp, config.camera)) if lamp else None
         self.tracks: TrackMap | None = None
-        self._craters: CraterMap | None = None
+        self._craters: CraterLists | None = None
         self._has_truth = False
+        self.workers = self._own(Workers())
+        self.waiting: list[GroundPicture] = []
         self._gather_programs()
         self.earth = (self._own(WorldPasses(context, world, self.rover, _under_earth(config),
                                             self.seed))
@@ -90,14 +97,14 @@ class WorldPasses(GlOwner):
         return self, self.earth
 
     def _gather_programs(self) -> None:
-        self.programs = (*self.ground.programs, *self.rocks.programs, *self.body.programs)
+        self.programs = (*self.rocks.programs, *self.body.programs)
         self._set_constants()
 
     def prepare_truth(self) -> None:
         """Be able to draw truth from now on; programs are compiled for the first frame of it."""
         if not self._has_truth:
             self._has_truth = True
-            for passes in (self.ground, self.rocks, self.body):
+            for passes in (self.rocks, self.body):
                 passes.prepare_truth()
             self._gather_programs()
 
@@ -106,7 +113,6 @@ class WorldPasses(GlOwner):
         self.tracks = self._own(TrackMap(self._context, self.world.ground, overlay,
                                          self._track_sun()))
         self.ground.follow(self.tracks)
-        self._gather_programs()
         if self.earth is not None:
             self.earth.follow(overlay)
 
@@ -115,11 +121,24 @@ class WorldPasses(GlOwner):
         return TrackSun.of(sun_direction(sun.azimuth_deg, sun.elevation_deg),
                            math.radians(0.5 * sun.angular_diameter_deg))
 
-    def crater_map(self) -> CraterMap:
-        """Return where craters are; it is made for the first frame that asks for it."""
+    def crater_lists(self) -> CraterLists:
+        """Return where craters are; they are listed for the first frame that asks for it."""
         if self._craters is None:
-            self._craters = self._own(CraterMap(self._context, self.world))
+            self._craters = crater_lists(self.world.craters,
+                                         [grid.half_extent_m for grid in self.world.levels])
         return self._craters
+
+    def light_on_ground(self, light: SceneLight, lamp: LampLight | None) -> GroundSource:
+        """Return what the ground is lit with in a frame."""
+        shadow = light.shadow if light.shadow.silhouette is not None else None
+        return GroundSource(self._constants, self._surface.texels,
+                            None if self.tracks is None else self.tracks.arrays, shadow, lamp)
+
+    def make_waiting(self) -> None:
+        """Make the ground of frames that wait for it, before the ground changes."""
+        waiting, self.waiting = self.waiting, []
+        for picture in waiting:
+            picture.make()
 
     def light_of(self, sun: SunConfig) -> WorldLight:
         """Compute the light of another sun; in any thread, while others draw."""
@@ -153,8 +172,11 @@ class WorldPasses(GlOwner):
         # Patches of colour lie elsewhere in each world.
         place = np.random.default_rng([max(self.world.config.seed, 0), *b'colour']).uniform(
             -5e3, 5e3, 2)
-        self.set_uniforms(u_tint_place=tuple(place), **lighting_constants(
-            self.config, sun_direction(sun.azimuth_deg, sun.elevation_deg)))
+        values = lighting_constants(self.config, sun_direction(sun.azimuth_deg,
+                                                               sun.elevation_deg))
+        values['u_tint_place'] = tuple(place)
+        self.set_uniforms(**values)
+        self._constants = GroundConstants.of(values, self.config.detail.smooth_outlines)
 
     def set_uniforms(self, **values: Any) -> None:
         """Set uniforms of all programs that have them."""

@@ -7,6 +7,7 @@ from scipy import integrate
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.illumination import hapke
 from lunar_rover_sim.rendering.context import create_context, load_program, set_uniform
+from lunar_rover_sim.rendering.ground_law import reflectance
 
 HIGHLAND, MARE = hapke.SETS['highland'], hapke.SETS['mare']
 
@@ -144,7 +145,7 @@ def test_unknown_set():
 
 @pytest.mark.parametrize('name', sorted(hapke.SETS))
 @pytest.mark.parametrize('theta_deg', [0.0, 8.0, 23.4])
-def test_shader_says_the_same(name, theta_deg, tmp_path, monkeypatch):
+def test_shader_and_compiled_law_say_the_same(name, theta_deg, tmp_path, monkeypatch):
     parameters = hapke.SETS[name]
     i, e, psi = np.meshgrid(np.radians(np.linspace(0.0, 87.0, 30)),
                             np.radians(np.linspace(0.0, 87.0, 30)),
@@ -155,6 +156,16 @@ def test_shader_says_the_same(name, theta_deg, tmp_path, monkeypatch):
     expected = hapke.reflectance(grid[..., 0].astype(float), grid[..., 1].astype(float),
                                  grid[..., 2].astype(float), parameters, theta_deg=theta_deg,
                                  albedo=0.9)
+    compiled = np.empty(grid.shape[:2], np.float32).ravel()
+    same = np.ones_like(compiled)
+    law = np.array([parameters.w, parameters.b, parameters.c - 0.1, parameters.b_s0,
+                    parameters.h_s], np.float32)
+    reflectance(*np.ascontiguousarray(grid.reshape(-1, 3).T),
+                same * np.float32(np.tan(np.radians(theta_deg))), same * np.float32(0.9),
+                same * np.float32(0.1), law, compiled)
+    error = np.abs(compiled.reshape(expected.shape) / expected - 1.0)
+    assert np.quantile(error, 0.999) < 1e-3
+    assert error.max() < (3e-3 if theta_deg else 5e-3)
     from lunar_rover_sim.rendering import context as module
     text = """#include "hapke.glsl"
         uniform sampler2D u_angles; uniform Hapke u_set; uniform float u_theta;
@@ -164,11 +175,13 @@ def test_shader_says_the_same(name, theta_deg, tmp_path, monkeypatch):
             o_r = hapke(a.x, a.y, a.z, u_theta, 0.9, u_set);
         }"""
     real = module.source
-    monkeypatch.setattr(module, 'source', lambda file: real(file) if file != 'probe.frag' else
-                        text.replace('#include "hapke.glsl"', real('hapke.glsl')))
+    own = {'probe.frag': text.replace('#include "hapke.glsl"', real('hapke.glsl')),
+           'probe.vert': 'void main() { vec2 p = vec2((gl_VertexID << 1) & 2, gl_VertexID & 2);'
+                         ' gl_Position = vec4(2.0 * p - 1.0, 0.0, 1.0); }'}
+    monkeypatch.setattr(module, 'source', lambda file: own.get(file) or real(file))
     context = create_context()
     try:
-        program = load_program(context, 'screen', 'probe')
+        program = load_program(context, 'probe', 'probe')
         height, width = grid.shape[:2]
         angles = context.texture((width, height), 3, grid.tobytes(), dtype='f4')
         angles.filter = (context.NEAREST, context.NEAREST)

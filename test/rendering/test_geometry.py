@@ -21,7 +21,6 @@ from lunar_rover_sim.rendering.chunk_tree import ChunkTree, level_ranges
 from lunar_rover_sim.rendering.config import DetailConfig, RenderConfig
 from lunar_rover_sim.rendering.context import create_context
 from lunar_rover_sim.rendering.frame_targets import read_image
-from lunar_rover_sim.rendering.ground_pass import GroundRows
 from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK, LABEL_GROUND, LABEL_SKY, rover_links
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.renderer import Renderer
@@ -246,7 +245,7 @@ def test_no_pinholes_where_meshes_meet():
             drawn = passes.draw_geometry(Request.of(('left', 'right'), 0), RoverPose(pose))
             for side in (LEFT, RIGHT):
                 ground = read_image(drawn.pixels.targets.ground[side], 0, side,
-                                    (rig.height, rig.width), (0, 0)) > 0.0
+                                    (rig.height, rig.width)) > 0.0
                 around = [np.roll(ground, (dv, du), (0, 1))[1:-1, 1:-1]
                           for dv in (-1, 0, 1) for du in (-1, 0, 1) if dv or du]
                 assert 0.2 < ground.mean() < 1.0
@@ -360,18 +359,3 @@ def test_chunks_tile_the_ground_outside_the_finer_grid() -> None:
     finest = near[np.log2(chosen.chunks[:, 2]).astype(int)]
     assert np.all((away**2).sum(axis=1) >= finest**2 - view.above_m**2)
     assert np.all(np.diff((away**2).sum(axis=1)) >= -1e-9)      # nearest first
-
-
-def test_rows_by_what_they_need() -> None:
-    """Spans cover the ground's rows once, each with all that any of its rows needs."""
-    rows = GroundRows(first=10, last=100, refined=(10, 60), tracks=(70, 120), shaded=(90, 95))
-
-    def parts(*needs: str) -> list[tuple[int, int, list[str]]]:
-        return [(top, bottom, [name for name, has in found.items() if has])
-                for top, bottom, found in rows.parts(*needs)]
-    assert parts('refined', 'shaded', 'tracks') == [
-        (10, 60, ['refined']), (60, 70, []), (70, 90, ['tracks']), (90, 95, ['shaded', 'tracks']),
-        (95, 100, ['tracks'])]
-    assert parts('refined', 'tracks') == [
-        (10, 60, ['refined']), (60, 70, []), (70, 100, ['tracks'])]
-    assert GroundRows().parts('refined') == []

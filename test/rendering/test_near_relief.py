@@ -6,6 +6,7 @@ import camera_scene as scene
 import cv2
 import numpy as np
 import pytest
+from relief_place import bilinear, places
 from repetition import features, inliers
 
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
@@ -24,7 +25,7 @@ NEAR_M = 1.9                    # all relief is shape up to here
 
 
 class Heights:
-    """The relief below the grid, looked up in the tiles as shaders/relief_place.glsl does."""
+    """The relief below the grid, looked up in the tiles as relief_rows.py does."""
 
     def __init__(self, seed):
         sun = sun_direction(SUN.azimuth_deg, SUN.elevation_deg)
@@ -34,22 +35,7 @@ class Heights:
 
     def __call__(self, xy):
         """Return (n,) heights at (n, 2) places [m]."""
-        wave = (0.93 * xy[:, ::-1]) % 1.0 - 0.5
-        p = xy + 0.2 * wave * (1.0 - 2.0 * np.abs(wave))
-        q = np.stack([p[:, 0] - 0.57735027 * p[:, 1], 1.15470054 * p[:, 1]], axis=1)
-        corner = np.floor(q).astype(np.int64)
-        f = q - corner
-        upper = f.sum(axis=1) > 1.0
-        weights = np.where(upper[:, None],
-                           np.stack([f.sum(axis=1) - 1.0, 1.0 - f[:, 1], 1.0 - f[:, 0]], axis=1),
-                           np.stack([1.0 - f.sum(axis=1), f[:, 0], f[:, 1]], axis=1))
-        cells = corner[:, None] + np.array([[0, 0], [1, 0], [0, 1]])
-        cells[upper, 0] += 1
-        order = np.argsort(-weights, axis=1, kind='stable')
-        pick = np.arange(len(xy))
-        first, second = cells[pick, order[:, 0]], cells[pick, order[:, 1]]
-        lead = (weights[pick, order[:, 0]] - weights[pick, order[:, 1]]) / 0.1
-        own, next_one = shifts(first), shifts(second)
+        p, own, next_one, lead = places(xy)
         period = [tile.period_m for tile in self.tiles]
         lead = lead + (bilinear(self.salience, p / period[0] + own[:, :2])
                        - bilinear(self.salience, p / period[0] + next_one[:, :2]))
@@ -60,28 +46,6 @@ class Heights:
                 at = p / period[k] + shift[:, 2 * k:2 * k + 2]
                 height += share * bilinear(tile.heights, at)
         return height
-
-
-def shifts(cells):
-    """Return the (n, 4) places of both tiles in (n, 2) cells, over their periods."""
-    x, y = (axis.astype(np.uint32) for axis in cells.T)
-    h = x * np.uint32(0x9e3779b9) + y * np.uint32(0x85ebca6b)
-    h = (h ^ (h >> 16)) * np.uint32(0x7feb352d)
-    h = (h ^ (h >> 15)) * np.uint32(0x846ca68b)
-    h ^= h >> 16
-    return np.stack([h >> bits & 0xff for bits in (0, 8, 16, 24)], axis=1) / 256.0
-
-
-def bilinear(values, at):
-    """Return periodic (n, n) values at (m, 2) places, over the period."""
-    n = len(values)
-    place = at * n - 0.5
-    whole = np.floor(place).astype(int)
-    x, y = (place - whole).T
-    i, j = whole.T % n
-    i1, j1 = (i + 1) % n, (j + 1) % n
-    return ((values[j, i] * (1 - x) + values[j, i1] * x) * (1 - y)
-            + (values[j1, i] * (1 - x) + values[j1, i1] * x) * y)
 
 
 @pytest.fixture(scope='module')

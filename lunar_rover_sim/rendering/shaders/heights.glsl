@@ -15,17 +15,3 @@ float grid_height(vec2 xy) {
     vec2 w = lower ? f : f.yx;
     return z00 + w.x * (zc - z00) + w.y * (z11 - zc);
 }
-
-// Height of the triangles over what interpolates all four corners of a cell.
-float grid_bend(vec2 xy) {
-    vec2 g = xy * u_lattice.x + u_lattice.y;
-    vec2 c = clamp(floor(g), 0.0, u_lattice.z);
-    vec2 f = g - c;
-    float texel = u_lattice.w;
-    vec2 corner = (c + 0.5) * texel;
-    float twist = textureLod(u_heights, corner, 0.0).r
-        + textureLod(u_heights, corner + texel, 0.0).r
-        - textureLod(u_heights, corner + vec2(texel, 0.0), 0.0).r
-        - textureLod(u_heights, corner + vec2(0.0, texel), 0.0).r;
-    return twist * (f.x >= f.y ? f.y * (1.0 - f.x) : f.x * (1.0 - f.y));
-}

@@ -3,34 +3,10 @@ layout(location = 2) out vec2 o_tint;   // over 4, as camera/mosaic.py reads it;
 uniform vec4 u_soil_tint;       // logarithms at 30 deg of phase, and their slopes (colours.py)
 uniform vec2 u_rock_tint;
 uniform vec4 u_tint_spread;     // of the patches; change with the logarithm of albedo
-uniform vec2 u_tint_place;      // where the patches of this world lie [m]
 uniform vec2 u_lamp_tint;       // of the light of the lamp over that of the sun, logarithms
-
-float corner_value(ivec2 cell) {
-    uint h = uint(cell.x) * 0x9e3779b9u + uint(cell.y) * 0x85ebca6bu;
-    h = (h ^ (h >> 15)) * 0x846ca68bu;
-    return float((h ^ (h >> 16)) & 0xffffu) * (2.0 / 65535.0) - 1.0;
-}
-
-float patch_value(vec2 p) {
-    vec2 cell = floor(p), f = p - cell;
-    ivec2 c = ivec2(cell);
-    f = f * f * (3.0 - 2.0 * f);
-    return mix(mix(corner_value(c), corner_value(c + ivec2(1, 0)), f.x),
-               mix(corner_value(c + ivec2(0, 1)), corner_value(c + ivec2(1)), f.x), f.y);
-}
 
 // Reddening with the phase angle.
 vec2 phase_tint(float cos_g) { return u_soil_tint.zw * (sqrt(0.5 - 0.5 * cos_g) - 0.258819); }
-
-// Logarithms. Titanium and iron vary in patches of metres to tens of metres; fresh soil, which is
-// brighter, is less red.
-vec2 soil_tint(vec2 xy, float albedo) {
-    vec2 p = xy + u_tint_place;
-    float patches = 1.92 * patch_value(p * (1.0 / 23.0)) + 1.33 * patch_value(p.yx * (1.0 / 5.0) + 7.5);
-    return u_soil_tint.xy + u_tint_spread.xy * patches
-        + u_tint_spread.zw * log(max(albedo, 0.2));
-}
 
 // cosines: of the phase angles of sun and lamp; light: radiance of the sun, of the lamp, and what
 // has been reflected by the ground before, and has its colour, too

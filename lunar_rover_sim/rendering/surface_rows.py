@@ -1,0 +1,206 @@
+"""Depth of the ground itself, from that of its meshes, pixel by pixel.
+
+Where the mesh is coarser than the grid, the ray of a pixel is intersected with the triangles of
+the grid; nearby, where it has shape, with the relief below the grid.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lunar_rover_sim.compiled import compiled, inlined
+
+_ZERO, _HALF, _ONE, _TINY = (np.float32(x) for x in (0.0, 0.5, 1.0, 1e-9))
+_QUARTER, _FIVE, _BESIDE, _THOUSAND = (np.float32(x) for x in (0.25, 5.0, 0.6, 1000.0))
+_SHARE, _ACROSS, _FLAT, _LEAST = (np.float32(x) for x in (0.06, 0.05, 0.02, 1e-6))
+_RELAXED = np.float32(1.5)      # length of a step over the relief, over what its bounds allow
+_REFINED, _SEARCHED, _TURNS = 8, 14, 2
+
+
+@inlined
+def _grid_height(x, y, heights, lattice):  # type: ignore[no-untyped-def]
+    """Return the height of the triangles of the grid."""
+    u, v = x * lattice[0] + lattice[1], y * lattice[0] + lattice[1]
+    column = min(max(np.floor(u), _ZERO), lattice[2])
+    row = min(max(np.floor(v), _ZERO), lattice[2])
+    u, v = u - column, v - row
+    n = np.int64(lattice[2]) + 2
+    lower = u >= v
+    k = np.int64(row) * n + np.int64(column)
+    # Without branches: which half of a cell it is cannot be foreseen.
+    low, corner, high = heights[k], heights[k + (1 if lower else n)], heights[k + n + 1]
+    along, aside = max(u, v), min(u, v)
+    return low + along * (corner - low) + aside * (high - corner)
+
+
+@compiled
+def _soil_at(x, y, windows, touched, near, n):  # type: ignore[no-untyped-def]
+    """Return height change [m], and the share of the relief below the grid that is left there."""
+    tiles = len(touched)
+    i = np.int64(np.floor(x * windows[2] * np.float32(tiles))) % tiles
+    j = np.int64(np.floor(y * windows[2] * np.float32(tiles))) % tiles
+    if not touched[j, i] or max(abs(x - windows[4]), abs(y - windows[5])) >= windows[1]:
+        return _ZERO, _ONE
+    u, v = x * windows[0] * np.float32(n), y * windows[0] * np.float32(n)
+    column, row = np.floor(u), np.floor(v)
+    u, v = u - column, v - row
+    i, j = np.int64(column) % n, np.int64(row) % n
+    east, north = (i + 1) % n, (j + 1) % n
+    rise, pressed = _ZERO, _ZERO
+    for k in range(4, 6):
+        low = near[j * n + i, k] + u * (near[j * n + east, k] - near[j * n + i, k])
+        high = near[north * n + i, k] + u * (near[north * n + east, k] - near[north * n + i, k])
+        low += v * (high - low)
+        if k == 4:
+            rise = low
+        else:
+            pressed = low
+    buried = _BESIDE * min(abs(rise) * _THOUSAND, _ONE) * (_ONE - pressed)
+    return rise, _ONE - max(pressed, buried)
+
+
+@compiled
+def refine(depth, first, last, view, heights, lattice, bounds,  # type: ignore[no-untyped-def]
+           has_tracks, windows, touched, near, side):
+    """Intersect rays with the triangles of the grid, in rows of an (h, w) image of depth.
+
+    Args:
+        depth: Replaced [m].
+        first, last: The first row, and the one after the last.
+        view: As `view.numbers`.
+        heights, lattice: Of the finest grid [m]; 1 / cell [1/m], half and last whole index of
+            cells.
+        bounds: Nearest and farthest depth, bound of the mesh's error [m].
+        has_tracks, windows, touched, near, side: Tracks, as for `track_rows.prints_of`; `side` of
+            the finest level.
+    """
+    ex, ey, ez = view[9], view[10], view[11]
+    flat = heights.ravel()
+    for r in range(first, last):
+        row, down = depth[r], np.float32(r)
+        ax, ay, az = (view[0] + view[6] * down, view[1] + view[7] * down, view[2] + view[8] * down)
+        for c in range(len(row)):
+            far = row[c]
+            if not bounds[0] < far < bounds[1]:
+                continue
+            across = np.float32(c)
+            rx, ry, rz = ax + view[3] * across, ay + view[4] * across, az + view[5] * across
+            reach = min(bounds[2] / max(-rz, _QUARTER * bounds[2]), _SHARE * far)
+            t = far - reach
+            low, high, f_low, f_high = t, -_ONE, -_ONE, _ZERO
+            for _ in range(_REFINED + 1):
+                x, y = ex + rx * t, ey + ry * t
+                f = ez + rz * t - _grid_height(x, y, flat, lattice)
+                if has_tracks:
+                    f -= _soil_at(x, y, windows, touched, near, side)[0]
+                if f <= _ZERO:
+                    high, f_high = t, f
+                    break
+                low, f_low = t, f
+                t += reach * _QUARTER
+            if high <= _ZERO or f_low <= _ZERO:
+                continue
+            for _ in range(_TURNS):
+                t = low + (high - low) * f_low / max(f_low - f_high, _TINY)
+                x, y = ex + rx * t, ey + ry * t
+                f = ez + rz * t - _grid_height(x, y, flat, lattice)
+                if has_tracks:
+                    f -= _soil_at(x, y, windows, touched, near, side)[0]
+                if f > _ZERO:
+                    low, f_low = t, f
+                else:
+                    high, f_high = t, f
+            row[c] = low + (high - low) * f_low / max(f_low - f_high, _TINY)
+
+
+@compiled
+def _near_ground(x, y, heights, lattice, shape, scale, centre,  # type: ignore[no-untyped-def]
+                 has_tracks, windows, touched, near, side):
+    """Return the height of grid, tracks and relief, and a bound of the slopes of relief around."""
+    last = lattice[2] + _ONE
+    u = min(max(x * lattice[0] + lattice[1], _ZERO), last)
+    v = min(max(y * lattice[0] + lattice[1], _ZERO), last)
+    i, j = min(np.int64(u), np.int64(lattice[2])), min(np.int64(v), np.int64(lattice[2]))
+    u, v = u - np.float32(i), v - np.float32(j)
+    low = heights[j, i] + u * (heights[j, i + 1] - heights[j, i])
+    high = heights[j + 1, i] + u * (heights[j + 1, i + 1] - heights[j + 1, i])
+    base = low + v * (high - low)
+    a, b = x - centre[0], y - centre[1]
+    share = min(max(_FIVE - _FIVE * np.sqrt(a * a + b * b) / max(centre[2], _LEAST), _ZERO), _ONE)
+    if has_tracks:
+        rise, left = _soil_at(x, y, windows, touched, near, side)
+        base += rise
+        share *= left
+    if share == _ZERO:
+        return base, _ZERO
+    n = len(shape)
+    u, v = x * scale * np.float32(n) - _HALF, y * scale * np.float32(n) - _HALF
+    column, row = np.floor(u), np.floor(v)
+    u, v = u - column, v - row
+    i, j = np.int64(column) % n, np.int64(row) % n
+    east, north = (i + 1) % n, (j + 1) % n
+    low = shape[j, i, 0] + u * (shape[j, east, 0] - shape[j, i, 0])
+    high = shape[north, i, 0] + u * (shape[north, east, 0] - shape[north, i, 0])
+    steep_low = shape[j, i, 1] + u * (shape[j, east, 1] - shape[j, i, 1])
+    steep_high = shape[north, i, 1] + u * (shape[north, east, 1] - shape[north, i, 1])
+    return (base + share * (low + v * (high - low)),
+            share * (steep_low + v * (steep_high - steep_low)))
+
+
+@compiled
+def displace(depth, first, last, view, heights, lattice, shape,  # type: ignore[no-untyped-def]
+             relief, centre, has_tracks, windows, touched, near, side):
+    """Intersect rays with the relief below the grid, in rows of an (h, w) image of depth.
+
+    Steps are as long as the slopes around a point allow: Dummer, Cone step mapping, 2006.
+
+    Args:
+        depth: Replaced [m].
+        shape: (n, n, 2) height over what is interpolated between heights of the grid [m], bound of
+            the slopes around; it wraps around.
+        relief: 1 / extent of `shape` [1/m], greatest height in it, half of the finest grid [m].
+        centre: Place of the middle of all cameras [m], reach of relief with shape [m].
+        first, last, view, heights, lattice, has_tracks, windows, touched, near, side: As for
+            `refine`.
+    """
+    ex, ey, ez, pixel = view[9], view[10], view[11], view[15]
+    for r in range(first, last):
+        row, down = depth[r], np.float32(r)
+        ax, ay, az = (view[0] + view[6] * down, view[1] + view[7] * down, view[2] + view[8] * down)
+        for c in range(len(row)):
+            far = row[c]
+            if far <= _ZERO:
+                continue
+            column = np.float32(c)
+            rx, ry, rz = ax + view[3] * column, ay + view[4] * column, az + view[5] * column
+            x, y = ex + rx * far, ey + ry * far
+            if max(abs(x), abs(y)) >= relief[2] or np.sqrt(
+                    (x - centre[0])**2 + (y - centre[1])**2) >= centre[2]:
+                continue
+            across = np.sqrt(rx * rx + ry * ry)
+            t = far - min(relief[1] / max(-rz, _ACROSS * across), _HALF * far)
+            f, before, f_before, descent = _ZERO, t, _ZERO, _ONE
+            close = _QUARTER * pixel * t
+            for k in range(_SEARCHED):
+                height, steep = _near_ground(ex + rx * t, ey + ry * t, heights, lattice, shape,
+                                             relief[0], centre, has_tracks, windows, touched,
+                                             near, side)
+                f = ez + rz * t - height
+                if k == 0:      # how fast the ray comes down to the ground
+                    descent = max(f / max(far - t, _LEAST), _FLAT * across)
+                if f < close:
+                    break
+                before, f_before = t, f
+                t += _RELAXED * f / (descent + across * steep)
+            if f < _ZERO < f_before:
+                low, high, f_high = before, t, f
+                for _ in range(_TURNS):
+                    t = low + (high - low) * f_before / (f_before - f_high)
+                    f = ez + rz * t - _near_ground(
+                        ex + rx * t, ey + ry * t, heights, lattice, shape, relief[0], centre,
+                        has_tracks, windows, touched, near, side)[0]
+                    if f > _ZERO:
+                        low, f_before = t, f
+                    else:
+                        high, f_high = t, f
+            row[c] = t
