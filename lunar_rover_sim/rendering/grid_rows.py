@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import inlined, vectorised
+from lunar_rover_sim.rendering.row_math import byte, disc, log2, of_half, shape_share
 
 # Pages of the scratch memory of a chunk: at a power of two they push each other out of the cache.
 _N, _PAGE = 128, 144
@@ -18,34 +19,13 @@ _FLOATS = 29 * _PAGE
 _INDEX, _EAST, _NORTH = 0, _PAGE, 2 * _PAGE
 
 _ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
-_FOUR, _FIVE, _TWELVE = np.float32(4.0), np.float32(5.0), np.float32(12.0)
+_FOUR, _TWELVE = np.float32(4.0), np.float32(12.0)
 _GRAZING, _TINY = np.float32(0.02), np.float32(1e-6)
 _BYTE = np.float32(1.0 / 255.0)
-_OF_HALF = np.float32(2.0 ** 112)
-_DISC, _CUBE = np.float32(0.6366), np.float32(0.1366)
 # Texels are means that are interpolated besides, and as wide as they are long: ones of the size of
 # a pixel blur more than it does. With this offset as many pixels are in shadow as should be.
 _SHARPER = np.float32(0.3)
 _FIRST, _SPAN = np.float32(0.35), np.float32(1.0 / 0.3)
-_L1, _L2, _L3, _L4, _L5 = (np.float32(c) for c in (
-    1.44253477, -0.7180334, 0.45715712, -0.27733943, 0.12147073))
-_L6 = np.float32(-0.02579153)
-_MANTISSA, _UNIT = np.int32(0x7fffff), np.int32(0x3f800000)
-
-
-@inlined
-def _byte(word):  # type: ignore[no-untyped-def]
-    """Return the lowest byte of a word."""
-    return np.float32(np.int32(word & np.uint32(255)))
-
-
-@inlined
-def _log2(value):  # type: ignore[no-untyped-def]
-    """Return the logarithm of a positive number; error < 3e-6."""
-    bits = np.float32(value).view(np.int32)
-    m = np.int32((bits & _MANTISSA) | _UNIT).view(np.float32) - _ONE
-    whole = np.float32((bits >> np.int32(23)) - np.int32(127))
-    return whole + m * (_L1 + m * (_L2 + m * (_L3 + m * (_L4 + m * (_L5 + m * _L6)))))
 
 
 @inlined
@@ -54,21 +34,6 @@ def _mip(level):  # type: ignore[no-untyped-def]
     whole = np.floor(level)
     part = min(max((level - whole - _FIRST) * _SPAN, _ZERO), _ONE)
     return max(whole + part, _ZERO)
-
-
-@inlined
-def _disc(angle, radius):  # type: ignore[no-untyped-def]
-    """Return the share of a disc above a horizon that lies `angle` below its centre."""
-    x = min(max(angle / radius, -_ONE), _ONE)
-    return _HALF + x * (_DISC - _CUBE * x * x)
-
-
-@inlined
-def _of_half(bits):  # type: ignore[no-untyped-def]
-    """Return the number that the low 16 bits are as float16."""
-    wide = ((bits & np.uint32(0x7fff)) << np.uint32(13)) | ((bits & np.uint32(0x8000))
-                                                            << np.uint32(16))
-    return np.uint32(wide).view(np.float32) * _OF_HALF
 
 
 @vectorised
@@ -128,8 +93,8 @@ def _ground_at(s, place, t, count, ground, side, first):  # type: ignore[no-unty
                 t[j] = t[j] >> np.uint32(16)
         for j in range(count):
             f, g = s[_U + j], s[_V + j]
-            a, b = _of_half(t[corner + j]), _of_half(t[corner + _PAGE + j])
-            d, e = _of_half(t[corner + 2 * _PAGE + j]), _of_half(t[corner + 3 * _PAGE + j])
+            a, b = of_half(t[corner + j]), of_half(t[corner + _PAGE + j])
+            d, e = of_half(t[corner + 2 * _PAGE + j]), of_half(t[corner + 3 * _PAGE + j])
             a += f * (b - a)
             d += f * (e - d)
             s[out + j] = a + g * (d - a)
@@ -203,11 +168,11 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
         # Footprint of the pixel on level ground: across and along the line of sight.
         for j in range(_N):
             size = max(s[_SIZE + j], _TINY)
-            along = _log2(min(size / max(abs(s[_TURN + j]), _GRAZING), _FOUR * size))
+            along = log2(min(size / max(abs(s[_TURN + j]), _GRAZING), _FOUR * size))
             s[_TOP + j] = along
             s[_COARSE + j] = min(_mip(along + s[_LOG + j]), deepest)
             # Far rocks' shadows are as narrow as a pixel: they are not blurred along the view.
-            own = max(_log2(size) + s[_LOG + j], _ZERO)
+            own = max(log2(size) + s[_LOG + j], _ZERO)
             own = own if s[_LAYER + j] > _ZERO else s[_COARSE + j]
             s[_MATTER + j] = min(np.ceil(own - _HALF), deepest)
         for j in range(_N):
@@ -256,10 +221,10 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
                 t[j] = t[j] >> np.uint32(8)
             for j in range(_N):
                 f, g = s[_U + j], s[_V + j]
-                a = _byte(t[j])
-                b = _byte(t[_PAGE + j])
-                d = _byte(t[2 * _PAGE + j])
-                e = _byte(t[3 * _PAGE + j])
+                a = byte(t[j])
+                b = byte(t[_PAGE + j])
+                d = byte(t[2 * _PAGE + j])
+                e = byte(t[3 * _PAGE + j])
                 a += f * (b - a)
                 d += f * (e - d)
                 s[out + j] = _BYTE * (a + g * (d - a))
@@ -278,14 +243,13 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
             s[_WEIGHT + j] = facing / np.sqrt(a * a + b * b + _ONE)
         for j in range(_N):
             a, b = s[_X + j] - middle_x, s[_Y + j] - middle_y
-            shaped = min(max(_FIVE - _FIVE * np.sqrt(a * a + b * b) / max(reach, _TINY), _ZERO),
-                         _ONE)
+            shaped = shape_share(a, b, reach)
             s[_WEIGHT + j] = min(max(max(s[_WEIGHT + j], shaped), _GRAZING), _ONE)
         for j in range(_N):
             size = max(s[_SIZE + j], _TINY)
             s[_TURN + j] = min(size / s[_WEIGHT + j], _TWELVE * size)
         for j in range(_N):
-            detail[i + j] = min(_mip(_log2(s[_TURN + j]) + fine - _SHARPER), last)
+            detail[i + j] = min(_mip(log2(s[_TURN + j]) + fine - _SHARPER), last)
         for j in range(_N):
             slope_x[i + j] = s[_OUT + j]
         for j in range(_N):
@@ -313,7 +277,7 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
         # Clearances make a crisp edge, but their mean is none: coarser mip levels of the finest
         # grid are of visibility.
         for j in range(_N):
-            seen, last_channel = _disc(s[_ANGLE + j], s[_SIZE + j]), s[_REACH + j]
+            seen, last_channel = disc(s[_ANGLE + j], s[_SIZE + j]), s[_REACH + j]
             mean = seen + min(s[_COARSE + j], _ONE) * (last_channel - seen)
             s[_MATTER + j] = seen * (_ONE - last_channel) if s[_LAYER + j] > _ZERO else mean
         for j in range(_N):

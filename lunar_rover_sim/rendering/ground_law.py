@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import inlined, vectorised
+from lunar_rover_sim.rendering.row_math import byte, log2
 
 _N, _PAGE = 128, 144        # see grid_rows.py
-_ZERO, _HALF, _ONE, _TWO, _THREE = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0, 3.0))
-_QUARTER = np.float32(0.25)
+_ZERO, _HALF, _ONE, _TWO = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0))
 _LEAST, _TINY, _SMOOTHEST = np.float32(1e-6), np.float32(1e-9), np.float32(1e-4)
 _MOST_W = np.float32(0.999)
 _PI, _ONE_OVER_PI, _TWO_OVER_PI = (np.float32(x) for x in (np.pi, 1.0 / np.pi, 2.0 / np.pi))
@@ -20,20 +20,12 @@ _LOG2_E, _HALF_LOG_2 = np.float32(1.44269504), np.float32(0.34657359)
 _LOWEST = np.float32(-126.0)
 _E1, _E2, _E3, _E4, _E5 = (np.float32(x) for x in (
     0.69315136, 0.24016415, 0.05580047, 0.00901666, 0.0018672))
-_L1, _L2, _L3, _L4, _L5, _L6 = (np.float32(x) for x in (
-    1.44253477, -0.7180334, 0.45715712, -0.27733943, 0.12147073, -0.02579153))
 _A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7 = (np.float32(x) for x in (
     1.5707963050, -0.2145988016, 0.0889789874, -0.0501743046, 0.0308918810, -0.0170881256,
     0.0066700901, -0.0012624911))
-_MANTISSA, _UNIT, _BIAS = np.int32(0x7fffff), np.int32(0x3f800000), np.int32(127)
+_BIAS = np.int32(127)
 _BRIGHTEST = np.float32(0.125)
 _BYTE2 = np.float32((255.0 / 128.0)**2 / 255.0**2)
-
-
-@inlined
-def _byte(word):  # type: ignore[no-untyped-def]
-    """Return the lowest byte of a word."""
-    return np.float32(np.int32(word & np.uint32(255)))
 
 
 @inlined
@@ -44,15 +36,6 @@ def _exp(x):  # type: ignore[no-untyped-def]
     f = x - whole
     part = _ONE + f * (_E1 + f * (_E2 + f * (_E3 + f * (_E4 + f * _E5))))
     return part * np.int32((np.int32(whole) + _BIAS) << np.int32(23)).view(np.float32)
-
-
-@inlined
-def _log2(value):  # type: ignore[no-untyped-def]
-    """Return the logarithm of a positive number; error < 3e-6."""
-    bits = np.float32(value).view(np.int32)
-    m = np.int32((bits & _MANTISSA) | _UNIT).view(np.float32) - _ONE
-    whole = np.float32((bits >> np.int32(23)) - _BIAS)
-    return whole + m * (_L1 + m * (_L2 + m * (_L3 + m * (_L4 + m * (_L5 + m * _L6)))))
 
 
 @inlined
@@ -107,8 +90,8 @@ def _reflectance(cos_i, cos_e, cos_g, tan_theta,  # type: ignore[no-untyped-def]
         gamma = np.sqrt(_ONE - w)
         r0 = (_ONE - gamma) / (_ONE + gamma)
         both = _ONE / (mu0e * mue)
-        log_i = _log2((_ONE + mu0e) * mue * both)
-        log_e = _log2((_ONE + mue) * mu0e * both)
+        log_i = log2((_ONE + mu0e) * mue * both)
+        log_e = log2((_ONE + mue) * mu0e * both)
         h_i = _ONE - w * mu0e * (r0 + _HALF_LOG_2 * (_ONE - _TWO * r0 * mu0e) * log_i)
         h_e = _ONE - w * mue * (r0 + _HALF_LOG_2 * (_ONE - _TWO * r0 * mue) * log_e)
         multiple = _ONE / (h_i * h_e) - _ONE
@@ -212,7 +195,7 @@ def relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,  # type: ignore[n
             t[6 * _PAGE + j], t[7 * _PAGE + j] = flat[k + row], flat[k + row + 1]
         # The four lie 1/4, 1/2, 1 and 4 times as high as over level ground.
         for j in range(_N):
-            height = _log2(max(s[high + j] / level_ground, _LEAST))
+            height = log2(max(s[high + j] / level_ground, _LEAST))
             height = height if height < _ZERO else _HALF * height
             s[high + j] = min(max(height, -_TWO), _ONE)
             s[out + j] = _ZERO
@@ -220,15 +203,15 @@ def relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,  # type: ignore[n
             node = np.float32(channel - 2)
             for j in range(_N):
                 f, g, d = s[u + j], s[v + j], s[w + j]
-                p = _byte(t[j])
-                p += f * (_byte(t[_PAGE + j]) - p)
-                q = _byte(t[2 * _PAGE + j])
-                q += f * (_byte(t[3 * _PAGE + j]) - q)
+                p = byte(t[j])
+                p += f * (byte(t[_PAGE + j]) - p)
+                q = byte(t[2 * _PAGE + j])
+                q += f * (byte(t[3 * _PAGE + j]) - q)
                 p += g * (q - p)
-                q = _byte(t[4 * _PAGE + j])
-                q += f * (_byte(t[5 * _PAGE + j]) - q)
-                z = _byte(t[6 * _PAGE + j])
-                z += f * (_byte(t[7 * _PAGE + j]) - z)
+                q = byte(t[4 * _PAGE + j])
+                q += f * (byte(t[5 * _PAGE + j]) - q)
+                z = byte(t[6 * _PAGE + j])
+                z += f * (byte(t[7 * _PAGE + j]) - z)
                 q += g * (z - q)
                 p += d * (q - p)
                 s[out + j] += max(_ONE - abs(s[high + j] - node), _ZERO) * p * p

@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from lunar_rover_sim.compiled import compiled, inlined
+from lunar_rover_sim.rendering.row_math import shape_share
 
-_ZERO, _HALF, _ONE, _FIVE = (np.float32(x) for x in (0.0, 0.5, 1.0, 5.0))
+_ZERO, _HALF, _ONE = (np.float32(x) for x in (0.0, 0.5, 1.0))
 _LEAST, _GRAZING, _SLACK, _OFF = (np.float32(x) for x in (1e-6, 0.04, 0.004, 0.01))
 _COSINE, _RISE, _STEEPEST, _FLAT = (np.float32(x) for x in (1e-3, 0.01, 1e-4, 0.02))
 _EDGE = np.float32(4e-4)                # height over which a shadow of relief sets in [m]
@@ -110,9 +111,7 @@ def lamp_on(depth, x, y, z, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-unt
             continue
         value = lit * lamp[6] * np.float32(math.pow(cosine, lamp[7])) / square
         if len(shape):
-            away_x, away_y = x[k] - centre[0], y[k] - centre[1]
-            share = kept[k] * min(max(_FIVE - _FIVE * np.sqrt(away_x * away_x + away_y * away_y)
-                                      / max(centre[2], _LEAST), _ZERO), _ONE)
+            share = kept[k] * shape_share(x[k] - centre[0], y[k] - centre[1], centre[2])
             if share > _ZERO:
                 value *= _over_relief(x[k], y[k], facing, tx, ty, shape, relief[0], relief[1],
                                       share)

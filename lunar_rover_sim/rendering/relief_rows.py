@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import inlined, vectorised
+from lunar_rover_sim.rendering.row_math import byte
 
 # Pages of the scratch memory of a chunk: at a power of two they push each other out of the cache.
 _N, _PAGE = 128, 144
@@ -32,12 +33,6 @@ _FRACTION = np.float32(1.0 / 256.0)
 _CODE_ZERO, _SLOPES = np.float32(0.501961), np.float32(3.0)     # see SLOPE_SCALE, relief_tiles.py
 _EDGE = np.float32(20.0)        # how sharply a copy ends where the next one begins
 _SOFT = np.float32(3.0)         # the same of shape, over some centimetres and without a step
-
-
-@inlined
-def _byte(word):  # type: ignore[no-untyped-def]
-    """Return the lowest byte of a word."""
-    return np.float32(np.int32(word & np.uint32(255)))
 
 
 @inlined
@@ -92,10 +87,10 @@ def _find_places(s, cells, tile, zone):  # type: ignore[no-untyped-def]
         for j in range(_N):
             h = _shuffled(cells[cell + j], cells[cell + _PAGE + j])
             u, v = s[_U + j], s[_V + j]
-            s[place + j] = u * a_scale + _byte(h) * _FRACTION
-            s[place + _PAGE + j] = v * a_scale + _byte(h >> np.uint32(8)) * _FRACTION
-            s[place + 2 * _PAGE + j] = u * b_scale + _byte(h >> np.uint32(16)) * _FRACTION
-            s[place + 3 * _PAGE + j] = v * b_scale + _byte(h >> np.uint32(24)) * _FRACTION
+            s[place + j] = u * a_scale + byte(h) * _FRACTION
+            s[place + _PAGE + j] = v * a_scale + byte(h >> np.uint32(8)) * _FRACTION
+            s[place + 2 * _PAGE + j] = u * b_scale + byte(h >> np.uint32(16)) * _FRACTION
+            s[place + 3 * _PAGE + j] = v * b_scale + byte(h >> np.uint32(24)) * _FRACTION
 
 
 @vectorised
@@ -138,8 +133,8 @@ def _at_levels(s, place, t, count, words, side, first):  # type: ignore[no-untyp
         page = _RAW + channel * _PAGE
         for j in range(count):
             f, g = s[_U + j], s[_V + j]
-            a, b = _byte(t[j]), _byte(t[_PAGE + j])
-            d, e = _byte(t[2 * _PAGE + j]), _byte(t[3 * _PAGE + j])
+            a, b = byte(t[j]), byte(t[_PAGE + j])
+            d, e = byte(t[2 * _PAGE + j]), byte(t[3 * _PAGE + j])
             a += f * (b - a)
             d += f * (e - d)
             s[page + j] = _BYTE * (a + g * (d - a))

@@ -5,19 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from lunar_rover_sim.compiled import inlined, vectorised
+from lunar_rover_sim.compiled import vectorised
+from lunar_rover_sim.rendering.row_math import disc, shape_share
 
 _N, _PAGE = 128, 144        # see grid_rows.py
 _ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-_FIVE, _GRAZING, _LIFTED, _TINY = (np.float32(x) for x in (5.0, 0.02, 0.08, 1e-6))
-_DISC, _CUBE, _BESIDE, _NEAREST = (np.float32(x) for x in (0.6366, 0.1366, 0.6, 1e-3))
-
-
-@inlined
-def _disc(angle, radius):  # type: ignore[no-untyped-def]
-    """Return the share of a disc above a horizon that lies `angle` below its centre."""
-    x = min(max(angle / radius, -_ONE), _ONE)
-    return _HALF + x * (_DISC - _CUBE * x * x)
+_GRAZING, _LIFTED, _BESIDE, _NEAREST = (np.float32(x) for x in (0.02, 0.08, 0.6, 1e-3))
 
 
 @vectorised
@@ -67,7 +60,7 @@ def rover_shadow(depth, x, y, z, view, sun,  # type: ignore[no-untyped-def]
             continue
         behind = max(behind, _NEAREST)
         # A pixel shows the mean of its light.
-        lit[i] = _disc(away / behind, sun[3] + _HALF * pixel * depth[i] / behind)
+        lit[i] = disc(away / behind, sun[3] + _HALF * pixel * depth[i] / behind)
 
 
 @vectorised
@@ -98,7 +91,7 @@ def shade(depth, x, y, vx, vy, vz, slope_x, slope_y, lit, albedo,  # type: ignor
     gain, left, open_sky, shaped = 15 * _PAGE, 16 * _PAGE, 17 * _PAGE, 18 * _PAGE
     edge_a, edge_b, rest = 19 * _PAGE, 20 * _PAGE, 21 * _PAGE
     sx, sy, sz, hx, hy, hz, radius = sun[0], sun[1], sun[2], sun[3], sun[4], sun[5], sun[6]
-    middle_x, middle_y, reach = centre[0], centre[1], max(centre[2], _TINY)
+    middle_x, middle_y, reach = centre[0], centre[1], centre[2]
     for c in range(len(depth) // _N):
         i = c * _N
         count = 0
@@ -142,7 +135,7 @@ def shade(depth, x, y, vx, vy, vz, slope_x, slope_y, lit, albedo,  # type: ignor
                 scales[2, 3] + d * scales[3, 3])), least_scales[3])
         for j in range(_N):
             p, q = x[i + j] - middle_x, y[i + j] - middle_y
-            s[shaped + j] = min(max(_FIVE - _FIVE * np.sqrt(p * p + q * q) / reach, _ZERO), _ONE)
+            s[shaped + j] = shape_share(p, q, reach)
         for j in range(_N):
             s[left + j] = _ONE
             s[open_sky + j] = _ONE
@@ -196,8 +189,8 @@ def shade(depth, x, y, vx, vy, vz, slope_x, slope_y, lit, albedo,  # type: ignor
             normal_z[i + j] = s[ax + j]
         for j in range(_N):
             width = radius * (_ONE + s[tangent + j] * s[tangent + j])
-            share = (_disc(s[ha + j], width + s[edge_a + j])
-                     * _disc(s[hb + j], width + s[edge_b + j]))
+            share = (disc(s[ha + j], width + s[edge_a + j])
+                     * disc(s[hb + j], width + s[edge_b + j]))
             s[seen + j] = share
             # Gain and factor are of brightness, not of what is seen.
             s[drawn + j] = share * s[gain + j] / (_ONE + (s[gain + j] - _ONE) * share)

@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import compiled, inlined
+from lunar_rover_sim.rendering.row_math import shape_share
 
 _ZERO, _HALF, _ONE, _TINY = (np.float32(x) for x in (0.0, 0.5, 1.0, 1e-9))
-_QUARTER, _FIVE, _BESIDE, _THOUSAND = (np.float32(x) for x in (0.25, 5.0, 0.6, 1000.0))
+_QUARTER, _BESIDE, _THOUSAND = (np.float32(x) for x in (0.25, 0.6, 1000.0))
 _SHARE, _ACROSS, _FLAT, _LEAST = (np.float32(x) for x in (0.06, 0.05, 0.02, 1e-6))
 _RELAXED = np.float32(1.5)      # length of a step over the relief, over what its bounds allow
 _REFINED, _SEARCHED, _TURNS = 8, 14, 2
@@ -126,7 +127,7 @@ def _near_ground(x, y, heights, lattice, shape, scale, centre,  # type: ignore[n
     high = heights[j + 1, i] + u * (heights[j + 1, i + 1] - heights[j + 1, i])
     base = low + v * (high - low)
     a, b = x - centre[0], y - centre[1]
-    share = min(max(_FIVE - _FIVE * np.sqrt(a * a + b * b) / max(centre[2], _LEAST), _ZERO), _ONE)
+    share = shape_share(a, b, centre[2])
     if has_tracks:
         rise, left = _soil_at(x, y, windows, touched, near, side)
         base += rise

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import compiled, inlined
+from lunar_rover_sim.rendering.row_math import disc
 
 _ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 _THOUSAND, _NOWHERE = np.float32(1000.0), np.float32(-0.1)
-_DISC, _CUBE = np.float32(0.6366), np.float32(0.1366)
 
 
 @inlined
@@ -110,8 +110,7 @@ def add_prints(depth, print_x, print_y, horizon, seen, coarse, sun,  # type: ign
             continue
         untouched = sun[5] - slope_x[k] * sun[3] - slope_y[k] * sun[4]
         width = sun[6] * (_ONE + untouched * untouched)
-        a = min(max((untouched - horizon[k]) / width, -_ONE), _ONE)
-        own = _HALF + a * (_DISC - _CUBE * a * a)
+        own = disc(untouched - horizon[k], width)
         beside[k] = own + coarse[k] * (seen[k] - own)
         slope_x[k] += print_x[k]
         slope_y[k] += print_y[k]

@@ -4,28 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from lunar_rover_sim.compiled import compiled, inlined
+from lunar_rover_sim.compiled import compiled
+from lunar_rover_sim.rendering.row_math import disc, of_half, shape_share
 
 _ZERO, _HALF, _ONE, _TWO = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0))
-_FIVE, _LEAST, _BESIDE, _BYTES = (np.float32(x) for x in (5.0, 1e-6, 0.6, 255.0))
-_DISC, _CUBE = np.float32(0.6366), np.float32(0.1366)
-_OF_HALF = np.float32(2.0 ** 112)
+_BESIDE, _BYTES = np.float32(0.6), np.float32(255.0)
 _TEXEL = np.float32(0.003125)           # of the shape of the relief [m]
-
-
-@inlined
-def _of_half(bits):  # type: ignore[no-untyped-def]
-    """Return the number that the low 16 bits are as float16."""
-    wide = ((bits & np.uint32(0x7fff)) << np.uint32(13)) | ((bits & np.uint32(0x8000))
-                                                            << np.uint32(16))
-    return np.uint32(wide).view(np.float32) * _OF_HALF
 
 
 @compiled
 def _height(x, y, shape, scale, centre):  # type: ignore[no-untyped-def]
     """Return the height of the relief as far as it has shape."""
     a, b = x - centre[0], y - centre[1]
-    share = min(max(_FIVE - _FIVE * np.sqrt(a * a + b * b) / max(centre[2], _LEAST), _ZERO), _ONE)
+    share = shape_share(a, b, centre[2])
     n = len(shape)
     u, v = x * scale * np.float32(n) - _HALF, y * scale * np.float32(n) - _HALF
     column, row = np.floor(u), np.floor(v)
@@ -75,10 +66,10 @@ def shape_of(depth, x, y, levels, ground, side, has_tracks,  # type: ignore[no-u
         slope_x, slope_y = _ZERO, _ZERO
         for n in range(2):
             shift = np.uint64(16 * n)
-            p = _of_half(np.uint32((a >> shift) & low))
-            q = _of_half(np.uint32((b >> shift) & low))
-            r = _of_half(np.uint32((d >> shift) & low))
-            s = _of_half(np.uint32((e >> shift) & low))
+            p = of_half(np.uint32((a >> shift) & low))
+            q = of_half(np.uint32((b >> shift) & low))
+            r = of_half(np.uint32((d >> shift) & low))
+            s = of_half(np.uint32((e >> shift) & low))
             p += u * (q - p)
             r += u * (s - r)
             p += v * (r - p)
@@ -135,8 +126,7 @@ def light_of(depth, sunlit, of_rover, normal_x, normal_y, normal_z,  # type: ign
         share = _ZERO
         if shines:
             mu0 = normal_x[k] * sun[0] + normal_y[k] * sun[1] + normal_z[k] * sun[2]
-            a = min(max(mu0 / sun[6], -_ONE), _ONE)
-            share = min(sunlit[k], _HALF + a * (_DISC - _CUBE * a * a))
+            share = min(sunlit[k], disc(mu0, sun[6]))
         both = share * of_rover[k]
         seen[k] = np.uint8(both * _BYTES + _HALF)
         hidden[k] = np.uint8((share - both) * _BYTES + _HALF)
