@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from lunar_rover_sim.compiled import compiled, inlined
-from lunar_rover_sim.rendering.row_math import shape_share
+from lunar_rover_sim.compiled import compiled
+from lunar_rover_sim.rendering.row_math import shape_at, shape_share
 
 _ZERO, _HALF, _ONE = (np.float32(x) for x in (0.0, 0.5, 1.0))
 _LEAST, _GRAZING, _SLACK, _OFF = (np.float32(x) for x in (1e-6, 0.04, 0.004, 0.01))
@@ -15,22 +15,6 @@ _COSINE, _RISE, _STEEPEST, _FLAT = (np.float32(x) for x in (1e-3, 0.01, 1e-4, 0.
 _EDGE = np.float32(4e-4)                # height over which a shadow of relief sets in [m]
 _TEXEL = np.float32(0.003125)           # of the shape of the relief [m]
 _STEPS = 20
-
-
-@inlined
-def _shape_at(x, y, shape, scale):  # type: ignore[no-untyped-def]
-    """Return height and bound of the slopes around, in a map that wraps around."""
-    n = len(shape)
-    u, v = x * scale * np.float32(n) - _HALF, y * scale * np.float32(n) - _HALF
-    column, row = np.floor(u), np.floor(v)
-    u, v = u - column, v - row
-    i, j = np.int64(column) % n, np.int64(row) % n
-    east, north = (i + 1) % n, (j + 1) % n
-    low = shape[j, i, 0] + u * (shape[j, east, 0] - shape[j, i, 0])
-    high = shape[north, i, 0] + u * (shape[north, east, 0] - shape[north, i, 0])
-    steep_low = shape[j, i, 1] + u * (shape[j, east, 1] - shape[j, i, 1])
-    steep_high = shape[north, i, 1] + u * (shape[north, east, 1] - shape[north, i, 1])
-    return low + v * (high - low), steep_low + v * (steep_high - steep_low)
 
 
 @compiled
@@ -43,13 +27,13 @@ def _over_relief(x, y, rise, tx, ty, shape, scale, highest, share):  # type: ign
     flat = max(np.sqrt(tx * tx + ty * ty), _LEAST)
     tx, ty = tx / flat, ty / flat
     tangent = rise / np.sqrt(max(_ONE - rise * rise, _STEEPEST))
-    own = _shape_at(x, y, shape, scale)[0] * share
+    own = shape_at(x, y, shape, scale)[0] * share
     clear, along = _ONE, _HALF * _TEXEL
     for _ in range(_STEPS):
         ray = own + tangent * along
         if ray > highest or clear <= _ZERO:
             break
-        height, steep = _shape_at(x + along * tx, y + along * ty, shape, scale)
+        height, steep = shape_at(x + along * tx, y + along * ty, shape, scale)
         over = ray - height * share
         clear = min(clear, _HALF + over / _EDGE)
         along += max(over / max(steep * share - tangent, _FLAT), _HALF * _TEXEL)

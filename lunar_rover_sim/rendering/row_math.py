@@ -49,3 +49,22 @@ def disc(angle, radius):  # type: ignore[no-untyped-def]
 def shape_share(x, y, reach):  # type: ignore[no-untyped-def]
     """Return how far the relief has shape, 1 to 0, at a place from the middle of all cameras."""
     return min(max(_FIVE - _FIVE * np.sqrt(x * x + y * y) / max(reach, _TINY), _ZERO), _ONE)
+
+
+@inlined
+def shape_at(x, y, shape, scale):  # type: ignore[no-untyped-def]
+    """Return height and bound of the slopes around, of an (n, n, 2) map that wraps around.
+
+    scale: 1 / its extent [1/m].
+    """
+    n = len(shape)
+    u, v = x * scale * np.float32(n) - _HALF, y * scale * np.float32(n) - _HALF
+    column, row = np.floor(u), np.floor(v)
+    u, v = u - column, v - row
+    i, j = np.int64(column) % n, np.int64(row) % n
+    east, north = (i + 1) % n, (j + 1) % n
+    low = shape[j, i, 0] + u * (shape[j, east, 0] - shape[j, i, 0])
+    high = shape[north, i, 0] + u * (shape[north, east, 0] - shape[north, i, 0])
+    steep_low = shape[j, i, 1] + u * (shape[j, east, 1] - shape[j, i, 1])
+    steep_high = shape[north, i, 1] + u * (shape[north, east, 1] - shape[north, i, 1])
+    return low + v * (high - low), steep_low + v * (steep_high - steep_low)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import compiled, inlined
-from lunar_rover_sim.rendering.row_math import shape_share
+from lunar_rover_sim.rendering.row_math import shape_at, shape_share
 
 _ZERO, _HALF, _ONE, _TINY = (np.float32(x) for x in (0.0, 0.5, 1.0, 1e-9))
 _QUARTER, _BESIDE, _THOUSAND = (np.float32(x) for x in (0.25, 0.6, 1000.0))
@@ -126,26 +126,15 @@ def _near_ground(x, y, heights, lattice, shape, scale, centre,  # type: ignore[n
     low = heights[j, i] + u * (heights[j, i + 1] - heights[j, i])
     high = heights[j + 1, i] + u * (heights[j + 1, i + 1] - heights[j + 1, i])
     base = low + v * (high - low)
-    a, b = x - centre[0], y - centre[1]
-    share = shape_share(a, b, centre[2])
+    share = shape_share(x - centre[0], y - centre[1], centre[2])
     if has_tracks:
         rise, left = _soil_at(x, y, windows, touched, near, side)
         base += rise
         share *= left
     if share == _ZERO:
         return base, _ZERO
-    n = len(shape)
-    u, v = x * scale * np.float32(n) - _HALF, y * scale * np.float32(n) - _HALF
-    column, row = np.floor(u), np.floor(v)
-    u, v = u - column, v - row
-    i, j = np.int64(column) % n, np.int64(row) % n
-    east, north = (i + 1) % n, (j + 1) % n
-    low = shape[j, i, 0] + u * (shape[j, east, 0] - shape[j, i, 0])
-    high = shape[north, i, 0] + u * (shape[north, east, 0] - shape[north, i, 0])
-    steep_low = shape[j, i, 1] + u * (shape[j, east, 1] - shape[j, i, 1])
-    steep_high = shape[north, i, 1] + u * (shape[north, east, 1] - shape[north, i, 1])
-    return (base + share * (low + v * (high - low)),
-            share * (steep_low + v * (steep_high - steep_low)))
+    rise, steep = shape_at(x, y, shape, scale)
+    return base + share * rise, share * steep
 
 
 @compiled

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import compiled
-from lunar_rover_sim.rendering.row_math import disc, of_half, shape_share
+from lunar_rover_sim.rendering.row_math import disc, of_half, shape_at, shape_share
 
 _ZERO, _HALF, _ONE, _TWO = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0))
 _BESIDE, _BYTES = np.float32(0.6), np.float32(255.0)
@@ -15,17 +15,8 @@ _TEXEL = np.float32(0.003125)           # of the shape of the relief [m]
 @compiled
 def _height(x, y, shape, scale, centre):  # type: ignore[no-untyped-def]
     """Return the height of the relief as far as it has shape."""
-    a, b = x - centre[0], y - centre[1]
-    share = shape_share(a, b, centre[2])
-    n = len(shape)
-    u, v = x * scale * np.float32(n) - _HALF, y * scale * np.float32(n) - _HALF
-    column, row = np.floor(u), np.floor(v)
-    u, v = u - column, v - row
-    i, j = np.int64(column) % n, np.int64(row) % n
-    east, north = (i + 1) % n, (j + 1) % n
-    low = shape[j, i, 0] + u * (shape[j, east, 0] - shape[j, i, 0])
-    high = shape[north, i, 0] + u * (shape[north, east, 0] - shape[north, i, 0])
-    return share * (low + v * (high - low))
+    share = shape_share(x - centre[0], y - centre[1], centre[2])
+    return share * shape_at(x, y, shape, scale)[0]
 
 
 @compiled
