@@ -24,7 +24,7 @@ _GRAZING, _TINY = np.float32(0.02), np.float32(1e-6)
 _BYTE = np.float32(1.0 / 255.0)
 # Texels are means that are interpolated besides, and as wide as they are long: ones of the size of
 # a pixel blur more than it does. With this offset as many pixels are in shadow as should be.
-_SHARPER = np.float32(0.3)
+_SHARPER = np.float32(0.35)
 _FIRST, _SPAN = np.float32(0.35), np.float32(1.0 / 0.3)
 
 

@@ -107,7 +107,8 @@ def test_what_is_known_of_the_grid(pixels, smooth):
     facing = (normal * [vx, vy, vz]).sum(axis=0) / np.linalg.norm(normal, axis=0)
     shaped = np.clip(5.0 - 5.0 * np.hypot(x, y) / 1.5, 0.0, 1.0)
     foot = np.minimum(size / np.maximum(np.maximum(facing, shaped), 0.02), 12.0 * size)
-    np.testing.assert_allclose(detail, np.minimum(mip(np.log2(foot) + FINE - 0.3), 8.0), atol=2e-3)
+    wanted = np.minimum(mip(np.log2(foot) + FINE - 0.35), 8.0)
+    np.testing.assert_allclose(detail, wanted, atol=2e-3)
     angle = expected[:, 2] / expected[:, 3]
     width = np.full(N, RADIUS)
     if smooth:
