@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import inlined, vectorised
-from lunar_rover_sim.rendering.row_math import byte, log2
+from lunar_rover_sim.rendering.row_math import any_positive, byte, CHUNK, log2, PAGE
 
-_N, _PAGE = 128, 144        # see grid_rows.py
+_N, _PAGE = CHUNK, PAGE
 _ZERO, _HALF, _ONE, _TWO = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0))
 _LEAST, _TINY, _SMOOTHEST = np.float32(1e-6), np.float32(1e-9), np.float32(1e-4)
 _MOST_W = np.float32(0.999)
@@ -47,7 +47,7 @@ def _arc_cosine(x):  # type: ignore[no-untyped-def]
     return _PI - angle if x < _ZERO else angle
 
 
-@vectorised
+@inlined        # called, it gave other last bits in the process that compiled it
 def _reflectance(cos_i, cos_e, cos_g, tan_theta,  # type: ignore[no-untyped-def]
                  albedo, more_c, law, result):
     """As `reflectance`, whether anything is lit or not."""
@@ -155,10 +155,7 @@ def relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,  # type: ignore[n
     cos, sun_cos, phase = 5 * _PAGE, 6 * _PAGE, 7 * _PAGE
     for c in range(len(depth) // _N):
         i = c * _N
-        count = 0
-        for j in range(_N):
-            count += depth[i + j] > _ZERO
-        if count == 0:
+        if not any_positive(depth, i):
             continue
         for j in range(_N):
             x, y = slope_x[i + j], slope_y[i + j]

@@ -6,12 +6,37 @@ import numpy as np
 
 from lunar_rover_sim.compiled import inlined
 
+CHUNK, COLUMNS = 128, 64    # pixels that a loop takes at a time: columns of two rows
+# Numbers in a page of scratch memory: at a power of two pages push each other out of the cache.
+PAGE = 144
+
 _ZERO, _HALF, _ONE, _FIVE = (np.float32(x) for x in (0.0, 0.5, 1.0, 5.0))
 _DISC, _CUBE, _TINY = (np.float32(x) for x in (0.6366, 0.1366, 1e-6))
 _OF_HALF = np.float32(2.0 ** 112)
 _L1, _L2, _L3, _L4, _L5, _L6 = (np.float32(x) for x in (
     1.44253477, -0.7180334, 0.45715712, -0.27733943, 0.12147073, -0.02579153))
 _MANTISSA, _UNIT, _BIAS = np.int32(0x7fffff), np.int32(0x3f800000), np.int32(127)
+
+
+@inlined
+def any_positive(values, start):  # type: ignore[no-untyped-def]
+    """Return whether a chunk that begins at `start` has a number above 0."""
+    count = 0
+    for j in range(start, start + CHUNK):
+        count += values[j] > _ZERO
+    return count > 0
+
+
+@inlined
+def grid_cell(x, y, lattice):  # type: ignore[no-untyped-def]
+    """Return column and row of the cell of the finest grid around a place, and its place in it.
+
+    lattice: 1 / cell [1/m], half and last whole index of cells.
+    """
+    u, v = x * lattice[0] + lattice[1], y * lattice[0] + lattice[1]
+    column = min(max(np.floor(u), _ZERO), lattice[2])
+    row = min(max(np.floor(v), _ZERO), lattice[2])
+    return np.int64(column), np.int64(row), u - column, v - row
 
 
 @inlined

@@ -1,5 +1,9 @@
 """The loops that light the ground, piece by piece, against plain NumPy."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from relief_place import bilinear, places
@@ -252,3 +256,15 @@ def test_the_colour_of_soil(pixels):
         log = (soil[k] + spread[k] * patches + spread[2 + k] * np.log(np.maximum(albedo, 0.2))
                + soil[2 + k] * phase * direct + soil[k] * (1.0 - direct))
         np.testing.assert_allclose(codes[k], 0.25 * 65535.0 * np.exp(log), rtol=1e-3)
+
+
+def test_the_process_that_compiles_the_law_computes_what_later_ones_do(tmp_path):
+    code = ('import numpy as np; from lunar_rover_sim.rendering.ground_law import reflectance; '
+            'rng = np.random.default_rng(1); '
+            'a = [rng.uniform(0.05, 1.0, 1280).astype(np.float32) for _ in range(7)]; '
+            'reflectance(*a[:6], np.array([0.3, 0.3, 0.4, 1.0, 0.06], np.float32), a[6]); '
+            'print(a[6].tobytes().hex())')
+    told = [subprocess.run([sys.executable, '-c', code], capture_output=True, check=True,
+                           env={**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)}).stdout
+            for _ in range(2)]
+    assert told[0] == told[1]
