@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import inlined, vectorised
-from lunar_rover_sim.rendering.row_math import byte, disc, log2, of_half, shape_share
+from lunar_rover_sim.rendering.row_math import (any_positive, byte, CHUNK, disc, log2, of_half,
+                                                PAGE, shape_share)
 
-# Pages of the scratch memory of a chunk: at a power of two they push each other out of the cache.
-_N, _PAGE = 128, 144
+_N, _PAGE = CHUNK, PAGE
 _LAYER, _SCALE, _OFFSET, _LOG, _REACH = (k * _PAGE for k in range(5))
 _COARSE, _MATTER, _SIZE, _WEIGHT, _TOP = (k * _PAGE for k in range(5, 10))
 _U, _V, _ANGLE, _MOST, _TURN = (k * _PAGE for k in range(10, 15))
@@ -134,10 +134,7 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
     deepest = np.float32(len(side) - 1)
     for c in range(len(depth) // _N):
         i = c * _N
-        count = 0
-        for j in range(_N):
-            count += depth[i + j] > _ZERO
-        if count == 0:
+        if not any_positive(depth, i):
             continue
         for j in range(_N):
             s[_SIZE + j] = depth[i + j] * pixel

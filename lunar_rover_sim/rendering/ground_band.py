@@ -12,13 +12,14 @@ from lunar_rover_sim.rendering.crater_map import CraterLists
 from lunar_rover_sim.rendering.grid_rows import light_of_grid
 from lunar_rover_sim.rendering.ground_law import reflectance, relief_factor
 from lunar_rover_sim.rendering.ground_mesh import GroundShape
-from lunar_rover_sim.rendering.ground_place import CHUNK, COLUMNS, place, spread
+from lunar_rover_sim.rendering.ground_place import place, spread
 from lunar_rover_sim.rendering.lamp_rows import add_lamp, lamp_on
 from lunar_rover_sim.rendering.lamp_shadow import LampLight
 from lunar_rover_sim.rendering.lighting import GroundConstants
 from lunar_rover_sim.rendering.relief_map import NO_RELIEF, ReliefShape
 from lunar_rover_sim.rendering.relief_rows import relief_of
 from lunar_rover_sim.rendering.rover_shadow import CastShadow
+from lunar_rover_sim.rendering.row_math import CHUNK, COLUMNS
 from lunar_rover_sim.rendering.shade_rows import radiance_of, rover_shadow, shade
 from lunar_rover_sim.rendering.surface import SurfaceTexels
 from lunar_rover_sim.rendering.surface_rows import displace, refine

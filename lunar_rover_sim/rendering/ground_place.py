@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import vectorised
-
-CHUNK, COLUMNS = 128, 64
+from lunar_rover_sim.rendering.row_math import CHUNK, COLUMNS
 
 
 @vectorised
@@ -25,7 +24,7 @@ def place(view, image, row, rows, depth, x, y, z, vx, vy, vz):  # type: ignore[n
         x, y, z: (n,) place; x and y in the world, z over the camera [m].
         vx, vy, vz: (n,) unit vector to the camera.
     """
-    chunk, columns = 128, 64
+    chunk, columns = CHUNK, COLUMNS
     h, w = image.shape
     one = np.float32(1.0)
     blocks = (w + columns - 1) // columns
@@ -72,7 +71,7 @@ def place(view, image, row, rows, depth, x, y, z, vx, vy, vz):  # type: ignore[n
 @vectorised
 def spread(rows, row, values, image, add):  # type: ignore[no-untyped-def]
     """Write the (n,) values of a band into an (h, w) image, or add them to it."""
-    chunk, columns = 128, 64
+    chunk, columns = CHUNK, COLUMNS
     h, w = image.shape
     blocks = (w + columns - 1) // columns
     for c in range(rows // 2 * blocks):

@@ -10,10 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import inlined, vectorised
-from lunar_rover_sim.rendering.row_math import byte
+from lunar_rover_sim.rendering.row_math import any_positive, byte, CHUNK, grid_cell, PAGE
 
-# Pages of the scratch memory of a chunk: at a power of two they push each other out of the cache.
-_N, _PAGE = 128, 144
+_N, _PAGE = CHUNK, PAGE
 _X, _Y, _LEAD, _LEVEL, _U, _V, _PART, _WHOLE = (k * _PAGE for k in range(8))
 _PLACES = 8 * _PAGE     # eight: in a and b, of the first cell, then of the second one
 _FEW = 25 * _PAGE       # places and levels of the few pixels between two cells
@@ -205,10 +204,7 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
     middle, half = horizon[0], horizon[1]
     for c in range(len(depth) // _N):
         i = c * _N
-        count = 0
-        for j in range(_N):
-            count += depth[i + j] > _ZERO
-        if count == 0:
+        if not any_positive(depth, i):
             continue
         for j in range(_N):
             s[_X + j] = x[i + j]
@@ -325,10 +321,6 @@ def _between(u, v, texels, k):  # type: ignore[no-untyped-def]
 @vectorised
 def _bend(x, y, heights, lattice):  # type: ignore[no-untyped-def]
     """Return the height of the triangles over what interpolates all four corners of a cell."""
-    u, v = x * lattice[0] + lattice[1], y * lattice[0] + lattice[1]
-    column = min(max(np.floor(u), _ZERO), lattice[2])
-    row = min(max(np.floor(v), _ZERO), lattice[2])
-    u, v = u - column, v - row
-    i, j = np.int64(column), np.int64(row)
+    i, j, u, v = grid_cell(x, y, lattice)
     twist = heights[j, i] + heights[j + 1, i + 1] - heights[j, i + 1] - heights[j + 1, i]
     return twist * (v * (_ONE - u) if u >= v else u * (_ONE - v))

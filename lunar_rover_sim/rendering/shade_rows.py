@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import vectorised
-from lunar_rover_sim.rendering.row_math import disc, shape_share
+from lunar_rover_sim.rendering.row_math import any_positive, CHUNK, disc, PAGE, shape_share
 
-_N, _PAGE = 128, 144        # see grid_rows.py
+_N, _PAGE = CHUNK, PAGE
 _ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 _GRAZING, _LIFTED, _BESIDE, _NEAREST = (np.float32(x) for x in (0.02, 0.08, 0.6, 1e-3))
 
@@ -94,10 +94,7 @@ def shade(depth, x, y, vx, vy, vz, slope_x, slope_y, lit, albedo,  # type: ignor
     middle_x, middle_y, reach = centre[0], centre[1], centre[2]
     for c in range(len(depth) // _N):
         i = c * _N
-        count = 0
-        for j in range(_N):
-            count += depth[i + j] > _ZERO
-        if count == 0:
+        if not any_positive(depth, i):
             for j in range(_N):
                 cos_i[i + j] = _ZERO
             continue

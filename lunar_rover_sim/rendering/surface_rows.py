@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import compiled, inlined
-from lunar_rover_sim.rendering.row_math import shape_at, shape_share
+from lunar_rover_sim.rendering.row_math import grid_cell, shape_at, shape_share
 
 _ZERO, _HALF, _ONE, _TINY = (np.float32(x) for x in (0.0, 0.5, 1.0, 1e-9))
 _QUARTER, _BESIDE, _THOUSAND = (np.float32(x) for x in (0.25, 0.6, 1000.0))
@@ -21,13 +21,10 @@ _REFINED, _SEARCHED, _TURNS = 8, 14, 2
 @inlined
 def _grid_height(x, y, heights, lattice):  # type: ignore[no-untyped-def]
     """Return the height of the triangles of the grid."""
-    u, v = x * lattice[0] + lattice[1], y * lattice[0] + lattice[1]
-    column = min(max(np.floor(u), _ZERO), lattice[2])
-    row = min(max(np.floor(v), _ZERO), lattice[2])
-    u, v = u - column, v - row
+    column, row, u, v = grid_cell(x, y, lattice)
     n = np.int64(lattice[2]) + 2
     lower = u >= v
-    k = np.int64(row) * n + np.int64(column)
+    k = row * n + column
     # Without branches: which half of a cell it is cannot be foreseen.
     low, corner, high = heights[k], heights[k + (1 if lower else n)], heights[k + n + 1]
     along, aside = max(u, v), min(u, v)
