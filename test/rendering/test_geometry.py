@@ -192,7 +192,9 @@ def test_depth_of_a_plane_is_analytic():
         fall = (camera[:3, :3] @ renderer.rig.rays()[..., None])[..., 2, 0]
     expected = -camera[2, 3] / np.where(fall < 0.0, fall, np.nan)
     near = expected < 30.0
-    np.testing.assert_allclose(frame.depth_m[near], expected[near], rtol=2e-5)
+    # Devices may round corners of triangles to 1/256 px.
+    rounding = np.abs(np.gradient(expected, axis=0)) / 256.0
+    assert np.all(np.abs(frame.depth_m - expected)[near] <= (2e-5 * expected + rounding)[near])
     assert np.all(np.isinf(frame.depth_m[fall > 0.0]))
 
 

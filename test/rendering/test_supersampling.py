@@ -251,7 +251,7 @@ def test_distances_of_a_fisheye_are_those_of_pixel_centres() -> None:
 
 
 def test_a_picture_too_large_for_the_device_is_refused() -> None:
-    config = RenderConfig(camera=CameraConfig(width=8192, height=4096),
+    config = RenderConfig(camera=CameraConfig(width=8192, height=8192),
                           detail=DetailConfig(supersampling=4))
-    with pytest.raises(RenderError, match='8192 x 4096 with detail.supersampling 4: .* at most'):
+    with pytest.raises(RenderError, match='8192 x 8192 with detail.supersampling 4: .* at most'):
         Renderer(scene.plane(n=33), scene.ROVER, config)
