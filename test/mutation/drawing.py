@@ -2,7 +2,6 @@
 
 import ast
 from collections.abc import Iterator
-import dataclasses
 import itertools
 import random
 
@@ -10,9 +9,8 @@ from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
 import cosmic_ray.plugins
 from forked import PACKAGE, ROOT
+from sample import modules, Mutant
 
-ROOMS = ('bag', 'camera', 'evaluation', 'gait', 'illumination', 'physics', 'regolith', 'sensors',
-         'stereo', 'world')
 # Changes that make sense for the types at hand: a shifted float would only raise a TypeError.
 ARITHMETIC, COMPARISONS = 'Add Sub Mul Div FloorDiv Mod Pow', 'Eq NotEq Lt LtE Gt GtE'
 OPERATORS = {f'core/Replace{kind}Operator_{one}_{other}'
@@ -25,24 +23,6 @@ OPERATORS |= {f'core/{name}' for name in (
     'ReplaceContinueWithBreak', 'ReplaceFalseWithTrue', 'ReplaceOrWithAnd',
     'ReplaceTrueWithFalse', 'ReplaceUnaryOperator_Delete_Not',
     'ReplaceUnaryOperator_Delete_USub', 'ZeroIterationForLoop')}
-
-
-@dataclasses.dataclass
-class Mutant:
-    """One changed line of one module, and what the tests said of it."""
-
-    module: str
-    line: int
-    before: str
-    after: str
-    outcome: str = ''
-    by: str = ''    # the test that failed
-
-
-def modules() -> list[str]:
-    """Return the modules of the rooms, relative to the package."""
-    return sorted(path.relative_to(ROOT / PACKAGE).as_posix() for room in ROOMS
-                  for path in (ROOT / PACKAGE / room).glob('*.py') if path.stem != '__init__')
 
 
 def places(module: str) -> Iterator[list[tuple[str, str, int]]]:

@@ -2,8 +2,9 @@
 
 `Server` collects the tests once; each process that it forks exchanges the code of the changed
 functions and runs only the tests that it is told to. What is computed when a module is imported
-(constants, defaults, declarations) cannot be exchanged so: `Tree` changes the file in a copy of
-the working tree, and a process that has loaded libraries only runs the tests from there.
+(constants, defaults, declarations) and what Numba compiles cannot be exchanged so: `Tree` changes
+the file in a copy of the working tree, and a process that has loaded libraries only runs the tests
+from there.
 
 Limits count CPU time, so that a busy machine does not let a test fail.
 """
@@ -27,8 +28,8 @@ import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PACKAGE = 'lunar_rover_sim'
-LIBRARIES = ('cv2', 'jinja2', 'matplotlib.figure', 'mcap.reader', 'moderngl', 'mujoco', 'numpy',
-             'PIL.Image', 'psutil', 'rasterio', 'rich.progress', 'rosbags.highlevel',
+LIBRARIES = ('cv2', 'jinja2', 'matplotlib.figure', 'mcap.reader', 'moderngl', 'mujoco', 'numba',
+             'numpy', 'PIL.Image', 'psutil', 'rasterio', 'rich.progress', 'rosbags.highlevel',
              'rosbags.rosbag2', 'scipy.interpolate', 'scipy.ndimage', 'scipy.optimize',
              'scipy.signal', 'scipy.spatial.transform', 'scipy.stats', 'trimesh', 'yaml')
 OPTIONS = ['-q', '--no-header', '--capture=sys', '-p', 'no:cacheprovider', '-p', 'no:xdist']
@@ -45,18 +46,27 @@ def load_libraries() -> None:
 
 
 class Tree:
-    """A copy of the working tree, in which one module at a time is changed."""
+    """A copy of the working tree, in which one module at a time is changed.
 
-    def __init__(self, folder: pathlib.Path) -> None:
+    folder: where it is made
+    other: a tree to copy in place of the working tree
+    """
+
+    def __init__(self, folder: pathlib.Path, other: Tree | None = None) -> None:
         self.folder = folder / 'tree'
         self.temporary = folder / 'temporary'
         self.temporary.mkdir(parents=True)
+        if other is not None:
+            shutil.copytree(other.folder, self.folder)
+            return
         listed = subprocess.run(['git', 'ls-files', '-z', '-co', '--exclude-standard'], cwd=ROOT,
                                 check=True, capture_output=True, text=True).stdout
-        for name in filter(None, listed.split('\0')):
+        # What Numba has compiled holds for a file of the same time.
+        kept = (path.relative_to(ROOT) for path in (ROOT / PACKAGE).rglob('*.nb[ci]'))
+        for name in (*filter(None, listed.split('\0')), *kept):
             if (ROOT / name).is_file():
                 (self.folder / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy(ROOT / name, self.folder / name)
+                shutil.copy2(ROOT / name, self.folder / name)
         # Compiled files are checked by content: times are too coarse for quick changes.
         subprocess.run([sys.executable, '-m', 'compileall', '-q', '--invalidation-mode',
                         'checked-hash', PACKAGE], cwd=self.folder, check=True)
@@ -64,6 +74,12 @@ class Tree:
     def path(self, module: str) -> pathlib.Path:
         """Return the file of a module."""
         return self.folder / PACKAGE / module
+
+    def copy(self, module: str, other: Tree) -> None:
+        """Take a module, and what Numba has compiled of it, from another tree."""
+        path = other.path(module)
+        for file in (path, *path.parent.glob(f'__pycache__/{path.stem}.*.nb[ci]')):
+            shutil.copy2(file, self.folder / file.relative_to(other.folder))
 
     def enter(self) -> None:
         """Let this process, and those that it starts, import package and tests from here."""

@@ -14,9 +14,6 @@ import time
 import coverage
 import pytest
 
-# The files are written into this folder, one for each process.
-FOLDER = 'LINES_FOLDER'
-
 
 def cpu_s() -> float:
     """Return the CPU time of this process and of its finished children [s]."""
@@ -25,10 +22,14 @@ def cpu_s() -> float:
 
 
 class Measuring:
-    """Lines, times and outcomes of the tests of this process."""
+    """Lines, times and outcomes of the tests of this process.
 
-    def __init__(self, package: pathlib.Path) -> None:
-        self.package = package
+    package: whose lines count
+    path: where they are written in the end
+    """
+
+    def __init__(self, package: pathlib.Path, path: pathlib.Path) -> None:
+        self.package, self.path = package, path
         self.coverage = coverage.Coverage(data_file=None, config_file=False,
                                           include=[f'{package}/*'])
         self.coverage.start()
@@ -92,13 +93,6 @@ class Measuring:
             line: [place[context] for context in contexts if context]
             for line, contexts in data.contexts_by_lineno(file).items()}
             for file in data.measured_files()}
-        path = pathlib.Path(os.environ[FOLDER]) / f'{os.getpid()}.json'
-        path.write_text(json.dumps({'tests': self.tests, 'fixtures': self.fixtures,
-                                    'failed': sorted(self.failed), 'names': names,
-                                    'lines': lines}))
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Measure in this process, unless it only hands out tests to workers of xdist."""
-    if hasattr(config, 'workerinput') or not config.getoption('numprocesses', None):
-        config.pluginmanager.register(Measuring(config.rootpath / 'lunar_rover_sim'))
+        self.path.write_text(json.dumps({'tests': self.tests, 'fixtures': self.fixtures,
+                                         'failed': sorted(self.failed), 'names': names,
+                                         'lines': lines}))

@@ -7,28 +7,25 @@
 `draw` picks places in the rooms at random, each with one change by an operator of Cosmic Ray:
 another operator, comparison, sign, constant, boolean or loop. `measure` finds which tests execute
 which lines. `test` makes each change, runs the tests that execute it until one fails, and writes
-the outcome into the same file: killed, endless (which counts as killed) or survived. Stopped, it
-continues where it was. `--again` tests the survivors with the present tests: a change is found by
-the text of its line, so that other lines may move meanwhile.
+the outcome into the same file: killed, endless (which counts as killed) or survived. Stopped, both
+continue where they were. `--again` tests the survivors with the present tests: a change is found
+by the text of its line, so that other lines may move meanwhile.
 """
 
 import argparse
 from collections.abc import Callable
-import csv
-import dataclasses
 import os
 import pathlib
-import subprocess
 import sys
 import tempfile
 
-from drawing import draw, modules, Mutant, ROOMS
-from executed import Executed, quickest
-from forked import (Chosen, forked, load_libraries, outcome_of, PACKAGE, ROOT, run_collecting,
-                    Server, Tree)
-import measuring
+from executed import Executed, is_compiled, is_in_function, quickest
+from forked import (Chosen, forked, load_libraries, OPTIONS, outcome_of, PACKAGE, ROOT,
+                    run_collecting, Server, Tree)
+import pytest
+from sample import modules, Mutant, read, ROOMS, write
 
-HERE = pathlib.Path(__file__).resolve().parent
+MOST_S = 3600.0     # of CPU time of a file of tests
 # Not test/regression: a stored number notices any change of it, right or wrong.
 TESTS = [*(f'test/{room}' for room in ROOMS), 'test/inspection', 'test/rendering',
          'test/test_default_values.py', 'test/test_frames.py', 'test/test_parameter_ranges.py',
@@ -54,7 +51,7 @@ def lots_of(mutant: Mutant, code: str, executed: Executed, limit_s: float) -> li
     """
     room = mutant.module.partition('/')[0]
     direct = executed.of_line(mutant.module, mutant.line, code)
-    if not executed.is_in_function(mutant.line, code):
+    if not is_in_function(mutant.line, code):
         direct |= {test for test in executed.seconds if test.startswith('test/test_')}
     near = {test for test in direct if test.startswith((f'test/{room}/', 'test/test_'))}
     others = (direct | executed.of_module(mutant.module)) - near
@@ -62,35 +59,44 @@ def lots_of(mutant: Mutant, code: str, executed: Executed, limit_s: float) -> li
     return [lot for lot in lots if lot]
 
 
-def write(path: pathlib.Path, sample: list[Mutant]) -> None:
-    """Write the sample with its outcomes."""
-    with path.open('w', newline='', encoding='utf-8') as file:
-        writer = csv.DictWriter(file, [field.name for field in dataclasses.fields(Mutant)])
-        writer.writeheader()
-        writer.writerows(dataclasses.asdict(mutant) for mutant in sample)
-
-
-def read(path: pathlib.Path) -> list[Mutant]:
-    """Read what `write` wrote."""
-    with path.open(newline='', encoding='utf-8') as file:
-        return [Mutant(row['module'], int(row['line']), row['before'], row['after'],
-                       row['outcome'], row['by']) for row in csv.DictReader(file)]
-
-
 def measure(path: pathlib.Path, jobs: int, tests: list[str]) -> None:
-    """Run the tests unchanged and write which lines each executes; other tests are kept."""
-    with tempfile.TemporaryDirectory() as folder:
-        tree, found = Tree(pathlib.Path(folder)), pathlib.Path(folder) / 'lines'
-        found.mkdir()
-        environment = {**os.environ, 'PYTHONPATH': f'{tree.folder}:{HERE}',
-                       'OPENBLAS_NUM_THREADS': '1', measuring.FOLDER: str(found)}
-        subprocess.run(['nice', sys.executable, '-m', 'pytest', '-p', 'measuring', '-q', '-m',
-                        'not ros', '-n', str(jobs), '--dist', 'worksteal', *tests],
-                       cwd=tree.folder, env=environment)
-        executed = Executed.merged(found.iterdir())
-    if path.exists():
-        executed = Executed.load(path).updated(executed)
-    executed.save(path)
+    """Run the tests unchanged, file by file, and write which lines each executes.
+
+    tests: files or folders to measure anew; of none, all that were not measured yet
+    """
+    import measuring  # needs coverage, as no other command does
+
+    load_libraries()
+    executed = Executed.load(path) if path.exists() else Executed({}, {})
+    found = {file.relative_to(ROOT).as_posix() for name in tests or TESTS
+             for file in ((ROOT / name).rglob('test_*.py') if (ROOT / name).is_dir()
+                          else [ROOT / name])}
+    todo = sorted(found if tests else found - executed.files())
+    with tempfile.TemporaryDirectory() as name:
+        folder = pathlib.Path(name)
+        tree = Tree(folder)
+        running: dict[int, str] = {}
+
+        def run(file: str, lines: pathlib.Path) -> int:
+            tree.enter()
+            return pytest.main([*OPTIONS, '-m', 'not ros', file],
+                               plugins=[measuring.Measuring(tree.folder / PACKAGE, lines)])
+
+        while todo or running:
+            while todo and len(running) < jobs:
+                file = todo.pop(0)
+                lines = folder / file.replace('/', '-')
+                pid = forked(lambda: run(file, lines), MOST_S, lines.with_suffix('.log'))
+                running[pid] = file
+            pid, status = os.wait()
+            outcome_of(pid, status)     # ends what it has left running
+            file = running.pop(pid)
+            lines = folder / file.replace('/', '-')
+            if lines.exists():
+                executed = executed.updated(Executed.of_process(lines))
+                executed.save(path)
+            print(f'{file}: {"measured" if lines.exists() else "ended without a result"}',
+                  flush=True)
     print(f'{len(executed.seconds)} tests, {sum(executed.seconds.values()):.0f} s of CPU time')
 
 
@@ -111,8 +117,11 @@ class Judge:
                       to_the_end)
 
     def cpu_s(self, tests: list[str]) -> float:
-        """Return the CPU time after which a process with these tests is endless."""
-        return 3.0 * sum(self.executed.seconds[name] for name in tests) + 20.0
+        """Return the CPU time after which a process with these tests is endless.
+
+        Of it 40 s are for imports and for what Numba compiles anew.
+        """
+        return 3.0 * sum(self.executed.seconds[name] for name in tests) + 40.0
 
     def judge(self, todo: list[Mutant], run: Callable[[Mutant, str, Chosen, int], int],
               original: Callable[[str], str]) -> None:
@@ -172,32 +181,33 @@ def test(path: pathlib.Path, executed: Executed, jobs: int, limit_s: float, agai
     load_libraries()
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
-        trees = [Tree(folder / str(slot)) for slot in range(jobs)]
-
-        def in_functions(judge: Judge) -> list[Mutant]:
-            return [m for m in judge.sample if not m.outcome and executed.is_in_function(
-                m.line, (ROOT / PACKAGE / m.module).read_text(encoding='utf-8'))]
+        unchanged = Tree(folder / 'unchanged')
+        originals = {module: unchanged.path(module).read_text(encoding='utf-8')
+                     for module in modules()}
 
         def serve(server: Server) -> None:
             judge = Judge(path, executed, jobs, limit_s, folder)
-            judge.judge(in_functions(judge),
+            judge.judge([m for m in judge.sample if not m.outcome
+                         and is_in_function(m.line, originals[m.module])
+                         and not is_compiled(m.line, originals[m.module])],
                         lambda mutant, code, chosen, _: server.run_changed(mutant.module, code,
                                                                            chosen),
-                        lambda module: server.tree.path(module).read_text(encoding='utf-8'))
+                        originals.__getitem__)
 
         if not again:
-            files = sorted({test.partition('::')[0] for test in executed.seconds})
             pid = os.fork()
             if not pid:
-                Server(trees[0], serve).run(files)
+                Server(unchanged, serve).run(sorted(executed.files()))
             os.waitpid(pid, 0)
         judge = Judge(path, executed, jobs, limit_s, folder)
-        originals = {module: trees[0].path(module).read_text(encoding='utf-8')
-                     for module in modules()}
+        trees = [Tree(folder / str(slot), unchanged) for slot in range(jobs)]
 
         def run(module: str, code: str, chosen: Chosen, slot: int) -> int:
-            for name, text in {**originals, module: code}.items():
-                trees[slot].path(name).write_text(text, encoding='utf-8')
+            for name, text in originals.items():
+                if trees[slot].path(name).read_text(encoding='utf-8') != text:
+                    trees[slot].copy(name, unchanged)
+            if code != originals[module]:
+                trees[slot].path(module).write_text(code, encoding='utf-8')
             return run_collecting(trees[slot], chosen)
 
         judge.judge([m for m in judge.sample if m.outcome in (('survived',) if again else ('',))],
@@ -218,25 +228,31 @@ def summarise(sample: list[Mutant]) -> None:
 
 def main() -> None:
     """Run one of the commands."""
+    def path(name: str) -> pathlib.Path:
+        return pathlib.Path(name).resolve()     # the processes change the folder
+
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     commands = parser.add_subparsers(dest='command', required=True)
     drawing = commands.add_parser('draw', help='draw a random sample')
     measuring_ = commands.add_parser('measure', help='find which tests execute which lines')
     testing = commands.add_parser('test', help='run the tests on a sample')
     for command in (drawing, testing):
-        command.add_argument('results', type=pathlib.Path)
+        command.add_argument('results', type=path)
     drawing.add_argument('--number', type=int, default=200)
     drawing.add_argument('--seed', type=int, default=1)
     for command in (measuring_, testing):
-        command.add_argument('lines', type=pathlib.Path)
+        command.add_argument('lines', type=path)
         command.add_argument('--jobs', type=int, default=2)
-    measuring_.add_argument('tests', nargs='*', default=TESTS,
-                            help='by default those of the rooms, and what looks at all of them')
+    measuring_.add_argument('tests', nargs='*', help='files and folders to measure anew; by '
+                            'default those of the rooms, and what looks at all of them, of which '
+                            'nothing is measured yet')
     testing.add_argument('--again', action='store_true', help='test the survivors once more')
     testing.add_argument('--limit', type=float, default=15.0, metavar='S',
                          help='CPU time of the tests of each mutant')
     args = parser.parse_args()
     if args.command == 'draw':
+        from drawing import draw  # needs Cosmic Ray, as no other command does
+
         write(args.results, draw(args.number, args.seed))
     elif args.command == 'measure':
         measure(args.lines, args.jobs, args.tests)
