@@ -20,6 +20,7 @@ from lunar_rover_sim.camera.motion_blur import MotionBlur, Movement
 from lunar_rover_sim.camera.sensor import DevelopedCamera, ImageSensor, SensorModel, Tint
 from lunar_rover_sim.camera.stray_light import ImagedSun, StrayLight
 from lunar_rover_sim.illumination.config import LampConfig, ReflectanceConfig, SunConfig
+from lunar_rover_sim.workers import Workers
 
 F32 = NDArray[np.float32]
 
@@ -62,7 +63,8 @@ class Development:
 
     def __init__(self, camera: DevelopedCamera, image: ImageGeometry, lens: Lens,
                  config: SensorConfig, light: Light, seed: int,
-                 wrong: Miscalibration = Miscalibration(), *, on_body: bool) -> None:
+                 wrong: Miscalibration = Miscalibration(), *, on_body: bool,
+                 workers: Workers) -> None:
         """Prepare all that does not depend on the image.
 
         Args:
@@ -74,14 +76,15 @@ class Development:
             seed: Of all noise.
             wrong: With the right camera of a pair.
             on_body: Whether the cameras move with the body of the rover.
+            workers: Threads for rows of images.
         """
         self.sensor = SensorModel(lens.camera, config, lens.config)
         self._auto = AutoExposure(self.sensor) if config.exposure_mode == 'auto' else None
         self._padding = (image.width - camera.width) // 2, (image.height - camera.height) // 2
-        self._blur = MotionBlur(lens.camera, config, image, on_body=on_body)
+        self._blur = MotionBlur(lens.camera, config, image, workers, on_body=on_body)
         # Only the sun itself is brighter than a white surface under the sun.
-        self._lens = StrayLight(lens, image, light.sun.irradiance or math.inf)
-        self._chip = ImageSensor(camera, self.sensor, seed, self._padding, wrong)
+        self._lens = StrayLight(lens, image, light.sun.irradiance or math.inf, workers)
+        self._chip = ImageSensor(camera, self.sensor, seed, self._padding, wrong, workers)
         self.exposure_s = 0.0
         self.meter(light)
 
@@ -141,7 +144,7 @@ class Development:
                 mean, np.maximum(passed, 1e-9), dtype=np.float32))
             result[side] = self._chip.pixels(passed, side, self.exposure_s, frame_index, tint)
         if self._auto is not None:
-            self._auto.follow(result[first], self.inside(lit[first].depth_m > 0.0))
+            self._auto.follow(result[first], self.inside(lit[first].depth_m))
         if self.sensor.config.encoding == 'rgb8':
             return {side: interpolated(pixels) for side, pixels in result.items()}
         return result

@@ -86,18 +86,18 @@ class AutoExposure:
                 min(self.aim / bright, _KEPT_LEVEL / brightest)
                 * self._sensor.config.full_well_e / self._sensor.electrons_per_radiance_second)
 
-    def follow(self, image: NDArray[Any], ground: NDArray[np.bool_] | None = None) -> None:
+    def follow(self, image: NDArray[Any], depth_m: F32 | None = None) -> None:
         """Take in an (h, w) image of the sensor, taken with the present exposure.
 
         Args:
             image: Its pixels; of colour sensors the mosaic.
-            ground: (h, w) which of them show ground; None: all.
+            depth_m: (h, w) above 0 where they show ground; None: all do.
         """
         c = self._sensor.config
         # Every third pixel meets all colours of a mosaic. Counts of levels give percentiles ten
         # times as fast as sorting.
         pixels = image[::3, ::3]
-        pixels = pixels.ravel() if ground is None else pixels[ground[::3, ::3]]
+        pixels = pixels.ravel() if depth_m is None else pixels[depth_m[::3, ::3] > 0.0]
         counts = np.bincount(pixels, minlength=np.iinfo(image.dtype).max + 1)
         signal = self._sensor.linear(np.arange(len(counts)).astype(image.dtype))
         counts[signal <= 0.02] = 0

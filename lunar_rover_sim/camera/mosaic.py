@@ -34,9 +34,9 @@ def shown(pixels: NDArray[Any], encoding: str) -> NDArray[Any]:
 
 
 @compiled
-def filtered(red, green, blue, tint, own, source,  # type: ignore[no-untyped-def]
-             sensitivity, dark):
-    """Return the (h, w) electrons behind the filters of a mosaic.
+def filtered(first, last, red, green, blue, tint, own, source,  # type: ignore[no-untyped-def]
+             sensitivity, dark, result):
+    """Fill in rows of the (h, w) electrons behind the filters of a mosaic.
 
     What a lens veils over the image is light of the sun: only the share `own` has the tint.
 
@@ -51,11 +51,10 @@ def filtered(red, green, blue, tint, own, source,  # type: ignore[no-untyped-def
         sensitivity: (2,) electrons of red and blue pixels over those of green ones.
         dark: Dark signal of each pixel [e-].
     """
-    h, w = green.shape
-    result = np.empty((h, w), np.float32)
+    w = green.shape[1]
     moved = len(source) > 0
     scale, one = np.float32(1.0 / (0.25 * 65535.0)), np.float32(1.0)
-    for r in range(h):
+    for r in range(first, last):
         for c in range(w):
             kind = (r & 1) + (c & 1)
             if kind == 1:
@@ -71,4 +70,3 @@ def filtered(red, green, blue, tint, own, source,  # type: ignore[no-untyped-def
                 ratio = one + (np.float32(code) * scale - one) * own[y, x]
             light = red[r, c] if k == 0 else blue[r, c]
             result[r, c] = light * ratio * sensitivity[k] + dark
-    return result

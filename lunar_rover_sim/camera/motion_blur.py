@@ -21,6 +21,7 @@ from lunar_rover_sim.camera.image_geometry import ImageGeometry
 from lunar_rover_sim.camera.motion import CameraTwist
 from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.workers import ONE_THREAD, Workers
 
 F32 = NDArray[np.float32]
 
@@ -66,16 +67,18 @@ class Movement:
 class MotionBlur:
     """Blurs radiance images by the motion during the exposure, and rolls the shutter."""
 
-    def __init__(self, camera: CameraConfig, sensor: SensorConfig, image: ImageGeometry, *,
-                 on_body: bool) -> None:
+    def __init__(self, camera: CameraConfig, sensor: SensorConfig, image: ImageGeometry,
+                 workers: Workers = ONE_THREAD, *, on_body: bool) -> None:
         """Prepare what does not depend on the motion.
 
         Args:
             camera: Has the distortion of the rows of the sensor.
             sensor: Has the line time of the shutter.
             image: Geometry of what is drawn, padding included.
+            workers: Share the rows.
             on_body: Whether the camera moves with the body of the rover.
         """
+        self._workers = workers
         self._image, self._on_body = image, on_body
         self._blur, self._line_time_s = sensor.motion_blur, sensor.line_time_s
         self._roll_s = camera.height * self._line_time_s
@@ -111,12 +114,12 @@ class MotionBlur:
         longest = self._longest_path(movement, exposure_s + self._roll_s)
         if longest < _STILL_PX:
             return radiance
-        world = movement.bodies[0].twist
+        world, mean = movement.bodies[0].twist, np.empty(radiance.shape, np.float32)
         samples = min(2 * math.ceil(0.5 * longest / _STEP_PX), _MOST_SAMPLES) if self._blur else 1
         if longest < _STENCIL_PX and not self._line_time_s and not self._image.fisheye:
-            mean = _by_stencil(radiance, depth_m, *self._of_stencil(world, exposure_s))
+            self._workers.rows(_by_stencil, len(mean), radiance, depth_m,
+                               *self._of_stencil(world, exposure_s), mean)
         else:
-            mean = np.empty_like(radiance)
             everywhere = np.ones(radiance.shape, np.uint8)
             self._gather(mean, everywhere, radiance, depth_m, movement, exposure_s, samples, None)
         if link is not None:
@@ -153,9 +156,9 @@ class MotionBlur:
         K, bodies = self._image.K, movement.bodies if link is not None else movement.bodies[:1]
         lens = tuple(float(x) for x in (K[0, 0], K[1, 1], K[0, 2], K[1, 2],
                                         *(self._image.fisheye or (0.0,) * 5)))
-        _along_paths(
-            mean, where, radiance, depth_m, lens, self._image.ray_table, self._distortion,
-            self._line_time_s, exposure_s, samples, _STEP_PX,
+        self._workers.rows(
+            _along_paths, len(mean), mean, where, radiance, depth_m, lens, self._image.ray_table,
+            self._distortion, self._line_time_s, exposure_s, samples, _STEP_PX,
             np.array([[*body.twist.angular_velocity_radps, *body.twist.linear_velocity_mps]
                       for body in bodies], float),
             np.array([body.nearness for body in bodies], float),
@@ -170,8 +173,9 @@ def _around(link: NDArray[np.uint8], reach_px: float) -> NDArray[np.uint8]:
 
 
 @compiled
-def _by_stencil(radiance, depth, lens, turn, shift):  # type: ignore[no-untyped-def]
-    """Return the mean over short paths, by weights of 3 x 3 pixels.
+def _by_stencil(first, last, radiance, depth, lens, turn, shift,  # type: ignore[no-untyped-def]
+                result):
+    """Fill in rows of the mean over short paths, by weights of 3 x 3 pixels.
 
     The weights are those of two samples between pixels, on either side. Over a path of p pixels
     along an axis the interpolated image has the mean of samples p / 4 away, which has the variance
@@ -184,13 +188,12 @@ def _by_stencil(radiance, depth, lens, turn, shift):  # type: ignore[no-untyped-
     fx, fy, cx, cy = lens
     rx, ry, rz = turn
     sx, sy, sz = shift
-    result = np.empty((h, w), np.float32)
     # Weights of a neighbour beside, above or below, and of one on the falling and the rising
     # diagonal.
     beside, over = np.empty(w, np.float32), np.empty(w, np.float32)
     falling, rising = np.empty(w, np.float32), np.empty(w, np.float32)
     x = (np.arange(w).astype(np.float32) - cx) / fx
-    for r in range(h):
+    for r in range(first, last):
         y = (np.float32(r) - cy) / fy
         row = depth[r]
         for c in range(w):
@@ -228,7 +231,6 @@ def _by_stencil(radiance, depth, lens, turn, shift):  # type: ignore[no-untyped-
                       + over[c] * (up[c] + down_row[c] - both)
                       + falling[c] * (up[c0] + down_row[c1] - both)
                       + rising[c] * (down_row[c0] + up[c1] - both))
-    return result
 
 
 @compiled
@@ -362,16 +364,16 @@ def _seen_at(image, depth, link, x, y, z, r, c, t, nearness,  # type: ignore[no-
 
 
 @compiled
-def _along_paths(mean, where, image, depth, lens, all_rays,  # type: ignore[no-untyped-def]
-                 distortion, line_time, exposure, samples, apart, twists, near, links,
-                 link, on_body):
-    """Fill in the mean radiance of the pixels that are marked, along the path of each."""
-    h, w = image.shape
+def _along_paths(start, end, mean, where, image, depth,  # type: ignore[no-untyped-def]
+                 lens, all_rays, distortion, line_time, exposure, samples, apart, twists, near,
+                 links, link, on_body):
+    """Fill in the mean radiance of marked pixels of some rows, along the path of each."""
+    w = image.shape[1]
     fisheye = lens[8] > 0.0
     # Samples lie at the middle of equal parts of the exposure.
     first, step = 0.5 / samples - 0.5, 1.0 / samples
     twist = _twist(twists, 0)
-    for r in range(h):
+    for r in range(start, end):
         for c in range(w):
             if not where[r, c]:
                 continue

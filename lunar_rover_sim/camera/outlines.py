@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.compiled import compiled
+from lunar_rover_sim.workers import ONE_THREAD, Workers
 
 F32 = NDArray[np.float32]
 
@@ -18,7 +19,8 @@ _STEEPEST = 3.5         # times the change of inverse depth from row to row of l
 _LOWEST_M = 0.1
 
 
-def smooth_outlines(radiance: F32, depth_m: F32, pixel: float, above_m: float) -> None:
+def smooth_outlines(radiance: F32, depth_m: F32, pixel: float, above_m: float,
+                    workers: Workers = ONE_THREAD) -> None:
     """Mix the pixels beside outlines of an image, in place.
 
     Args:
@@ -27,10 +29,12 @@ def smooth_outlines(radiance: F32, depth_m: F32, pixel: float, above_m: float) -
             negative.
         pixel: Size of a pixel at depth 1.
         above_m: Height of the camera above the ground.
+        workers: Share the rows.
     """
     # The inverse depth of level ground falls by pixel / above_m a row.
-    limit = _STEEPEST * pixel / max(above_m, _LOWEST_M)
-    _mix(radiance, depth_m, np.float32(limit), _beside(depth_m, np.float32(limit)))
+    limit = np.float32(_STEEPEST * pixel / max(above_m, _LOWEST_M))
+    for mixed in workers.rows(_mixed, len(depth_m), radiance, depth_m, limit):
+        _write(radiance, *mixed)
 
 
 @compiled
@@ -44,14 +48,14 @@ def _apart(a, b, limit):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _beside(depth, limit):  # type: ignore[no-untyped-def]
-    """Return (h, w) where a pixel has a neighbour beside it, above or below across an outline."""
+def _beside(first, last, depth, limit):  # type: ignore[no-untyped-def]
+    """Return in which pixels of some rows a neighbour lies across an outline, no diagonal one."""
     h, w = depth.shape
-    result = np.empty((h, w), np.uint8)
+    result = np.empty((last - first, w), np.uint8)
     beside = np.zeros(w + 1, np.uint8)      # whether pixels c - 1 and c are apart
     above, below = np.zeros(w, np.uint8), np.zeros(w, np.uint8)
-    for r in range(h):
-        own, out = depth[r], result[r]
+    for r in range(max(first - 1, 0), last):
+        own, out = depth[r], result[max(r - first, 0)]
         left, right, between = own[:w - 1], own[1:], beside[1:w]
         for c in range(w - 1):
             between[c] = _apart(left[c], right[c], limit)
@@ -112,18 +116,18 @@ def _share_of_other(depth, r, c, dr, dc, limit):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _mix(radiance, depth, limit, beside):  # type: ignore[no-untyped-def]
-    """Mix the pixels that are marked with those across their outlines."""
+def _mixed(first, last, radiance, depth, limit):  # type: ignore[no-untyped-def]
+    """Return rows, columns and radiance of the pixels of some rows that outlines mix."""
     h, w = depth.shape
+    beside = _beside(first, last, depth, limit)
     count = 0
-    for r in range(h):
-        marked = beside[r]
+    for marked in beside:
         for c in range(w):
             count += marked[c]
     rows, columns = np.empty(count, np.int64), np.empty(count, np.int64)
     k = 0
-    for r in range(h):
-        marked = beside[r]
+    for r in range(first, last):
+        marked = beside[r - first]
         for c in range(w):
             if marked[c]:
                 rows[k], columns[k] = r, c
@@ -150,5 +154,11 @@ def _mix(radiance, depth, limit, beside):  # type: ignore[no-untyped-def]
         if 0 <= r + dr < h and 0 <= c + dc < w:
             share = np.float32(_share_of_other(depth, r, c, dr, dc, limit))
             mixed[k] += share * (radiance[r + dr, c + dc] - radiance[r, c])
-    for k in range(count):
+    return rows, columns, mixed
+
+
+@compiled
+def _write(radiance, rows, columns, mixed):  # type: ignore[no-untyped-def]
+    """Write what `_mixed` returned into the image."""
+    for k in range(len(rows)):
         radiance[rows[k], columns[k]] = mixed[k]

@@ -58,7 +58,7 @@ class PinholeCamera:
 def cosine_fourth(places_px: ArrayLike, K: Array) -> Array:
     """Return cos^4 of the angle to the axis of (..., 2) pixels; K: (3, 3) intrinsics [px]."""
     tangents = (np.asarray(places_px, dtype=float) - K[:2, 2]) / K[0, 0]
-    return (1.0 + (tangents**2).sum(axis=-1))**-2
+    return (1.0 + tangents[..., 0]**2 + tangents[..., 1]**2)**-2
 
 
 class StereoRig(PinholeCamera):

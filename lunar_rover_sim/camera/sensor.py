@@ -25,6 +25,7 @@ from lunar_rover_sim.camera.mosaic import filtered
 from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.colours import Bands
+from lunar_rover_sim.workers import ONE_THREAD, Workers
 
 F32 = NDArray[np.float32]
 
@@ -151,7 +152,7 @@ class ImageSensor:
 
     def __init__(self, camera: DevelopedCamera, model: SensorModel, seed: int,
                  padding: tuple[int, int] = (0, 0),
-                 wrong: Miscalibration = Miscalibration()) -> None:
+                 wrong: Miscalibration = Miscalibration(), workers: Workers = ONE_THREAD) -> None:
         """Draw the fixed patterns.
 
         Args:
@@ -160,8 +161,9 @@ class ImageSensor:
             seed: Of all noise.
             padding: Columns and rows of radiance beyond each edge of the image.
             wrong: With the right camera.
+            workers: Share the rows.
         """
-        self._model, self._seed = model, seed
+        self._model, self._seed, self._workers = model, seed, workers
         self._gain, self._offset = _patterns(camera, model.config, seed)
         self._gain[1] *= np.float32(wrong.gain)
         moved = model.camera.distorted or any(padding)
@@ -197,37 +199,43 @@ class ImageSensor:
             red, blue = ((collect(shown, np.float32(0.0)) for shown in self._sources[side])
                          if self._sources else (green, green))
             tint = tint or Tint(np.zeros((*radiance.shape, 2), np.uint16), radiance)
-            electrons = filtered(
-                red, green, blue, tint.codes, tint.own,
+            electrons = np.empty(green.shape, np.float32)
+            self._workers.rows(
+                filtered, len(electrons), red, green, blue, tint.codes, tint.own,
                 np.zeros((0, 0, 2), np.float32) if source is None else source,
-                (model.bands[[0, 2]] / model.bands[1]).astype(np.float32), dark)
+                (model.bands[[0, 2]] / model.bands[1]).astype(np.float32), dark, electrons)
         if c.blooming > 0.0:    # charge runs along columns before it is read
             electrons = bloom(electrons, model.well_e, c.blooming).astype(np.float32)
         # A different number for each seed, frame and side.
         key = np.random.SeedSequence([self._seed, frame_index % (1 << 63), side])
         result: NDArray[Any] = np.empty(electrons.shape, model.output_type)
         black, largest = c.black_level, float(model.largest_number)
-        _convert(electrons, self._offset[side], _normal_samples(),
-                 np.uint32(key.generate_state(1)[0]),
-                 np.float32(c.shot_noise), np.float32((c.read_noise_e * c.read_noise)**2),
-                 np.float32(model.well_e),
-                 (np.float32(largest * (1.0 - black) / c.full_well_e),
-                  np.float32(black * largest), np.float32(largest)),
-                 model.colour, model.balance.astype(np.float32),
-                 model.companded, np.float32(np.iinfo(model.output_type).max),
-                 np.float32(model.output_scale[0]), result)
+        self._workers.rows(
+            _convert, len(result), electrons, self._offset[side], _normal_samples(),
+            np.uint32(key.generate_state(1)[0]),
+            np.float32(c.shot_noise), np.float32((c.read_noise_e * c.read_noise)**2),
+            np.float32(model.well_e),
+            (np.float32(largest * (1.0 - black) / c.full_well_e),
+             np.float32(black * largest), np.float32(largest)),
+            model.colour, model.balance.astype(np.float32),
+            model.companded, np.float32(np.iinfo(model.output_type).max),
+            np.float32(model.output_scale[0]), result)
         return result
 
     def _collected(self, radiance: F32, side: int, exposure_s: float, source: Array | None,
                    dark: np.float32) -> F32:
         """Return the electrons of each pixel without a filter; source: places between pixels."""
         model, c = self._model, self._model.config
+        size = self._gain[side].shape
         if source is not None:
-            radiance = _resampled(radiance, source)
-        return np.asarray(_collected(
-            radiance, self._gain[side],
+            image, radiance = radiance, np.empty(size, np.float32)
+            self._workers.rows(_resampled, len(radiance), image, source, radiance)
+        result = np.empty(size, np.float32)
+        self._workers.rows(
+            _collected, len(result), radiance, self._gain[side],
             np.float32(model.neighbour_weight if c.psf_sigma_px > 0.0 else 0.0),
-            np.float32(model.electrons_per_radiance_second * exposure_s), dark))
+            np.float32(model.electrons_per_radiance_second * exposure_s), dark, result)
+        return result
 
 
 def _magnified(camera: DevelopedCamera, source: Array | None, scale: float) -> Array:
@@ -277,24 +285,23 @@ def _normal_samples() -> F32:
 
 
 @compiled
-def _resampled(image, source):  # type: ignore[no-untyped-def]
-    """Return an image at (h, w, 2) places between its pixels, column and row, all within it."""
-    h, w = source.shape[:2]
-    result = np.empty((h, w), np.float32)
-    for r in range(h):
-        for c in range(w):
+def _resampled(first, last, image, source, result):  # type: ignore[no-untyped-def]
+    """Fill in rows of an image at (h, w, 2) places between its pixels, column and row, within it.
+    """
+    for r in range(first, last):
+        for c in range(source.shape[1]):
             x, y = source[r, c, 0], source[r, c, 1]
             column, row = int(x), int(y)
             x, y = x - column, y - row
             upper = image[row, column] * (1.0 - x) + image[row, column + 1] * x
             lower = image[row + 1, column] * (1.0 - x) + image[row + 1, column + 1] * x
             result[r, c] = upper * (1.0 - y) + lower * y
-    return result
 
 
 @compiled
-def _collected(radiance, gain, spread, sensitivity, dark):  # type: ignore[no-untyped-def]
-    """Return the electrons of each pixel, after the point spread.
+def _collected(first, last, radiance, gain, spread, sensitivity,  # type: ignore[no-untyped-def]
+               dark, result):
+    """Fill in rows of the electrons of each pixel, after the point spread.
 
     Args:
         spread: Weight of each direct neighbour, over that of the pixel.
@@ -302,11 +309,10 @@ def _collected(radiance, gain, spread, sensitivity, dark):  # type: ignore[no-un
         dark: Dark signal [e-].
     """
     h, w = radiance.shape
-    result = np.empty((h, w), np.float32)
     one, four = np.float32(1.0), np.float32(4.0)
     share = spread / (one + four * spread)
     rest = one - four * share
-    for r in range(h):
+    for r in range(first, last):
         own, up, down = radiance[r], radiance[max(r - 1, 0)], radiance[min(r + 1, h - 1)]
         out, pattern = result[r], gain[r]
         west, middle, east = own[:w - 2], own[1:w - 1], own[2:]
@@ -318,13 +324,12 @@ def _collected(radiance, gain, spread, sensitivity, dark):  # type: ignore[no-un
                                               + (up[c] + down[c]))
         for c in range(w):
             out[c] = out[c] * sensitivity * pattern[c] + dark
-    return result
 
 
 @compiled
-def _convert(electrons, offset, normal, key, shot, read2, well,  # type: ignore[no-untyped-def]
-             converter, balanced, balance, root, most, scale, result):
-    """Add noise, and convert electrons to the numbers of the output.
+def _convert(first, last, electrons, offset, normal, key, shot,  # type: ignore[no-untyped-def]
+             read2, well, converter, balanced, balance, root, most, scale, result):
+    """Add noise, and convert rows of electrons to the numbers of the output.
 
     Args:
         normal: Equally probable samples.
@@ -339,7 +344,7 @@ def _convert(electrons, offset, normal, key, shot, read2, well,  # type: ignore[
         most: Largest number of the output.
         scale: Numbers of the output per number of the converter.
     """
-    h, w = electrons.shape
+    w = electrons.shape[1]
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
     per_electron, black, largest = converter
     signal = one / (largest - black)
@@ -350,7 +355,7 @@ def _convert(electrons, offset, normal, key, shot, read2, well,  # type: ignore[
         shift -= np.uint32(1)
     noisy = shot > zero or read2 > zero
     index, noise = np.empty(w, np.uint32), np.zeros(w, np.float32)
-    for r in range(h):
+    for r in range(first, last):
         if noisy:
             for c in range(w):
                 # A hash of the pixel (murmur3's finalizer; Appleby, 2008).

@@ -7,18 +7,21 @@ cells and interpolated between them; only near the sun every pixel is computed.
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.ghosts import GHOSTS, PAIRS
-from lunar_rover_sim.camera.image_geometry import ImageGeometry
+from lunar_rover_sim.camera.image_geometry import ImageGeometry, lengths
 from lunar_rover_sim.camera.lens import Glare, Lens
 from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.workers import ONE_THREAD, Workers
 from lunar_rover_sim.world.relief import smoothstep
 
 F32 = NDArray[np.float32]
+Part = tuple[slice, slice]      # rows and columns of an image
 
 _CELL = 24                  # pixels along a side of a cell
 _NEAR_PX = 32.0, 128.0      # from the sun: within the first, every pixel is computed; beyond, none
@@ -40,7 +43,8 @@ class ImagedSun:
 class StrayLight:
     """Turns radiance images into what a lens passes on."""
 
-    def __init__(self, lens: Lens, image: ImageGeometry, most_radiance: float) -> None:
+    def __init__(self, lens: Lens, image: ImageGeometry, most_radiance: float,
+                 workers: Workers = ONE_THREAD) -> None:
         """Prepare what does not depend on the image.
 
         Args:
@@ -48,7 +52,9 @@ class StrayLight:
             image: Geometry of what is drawn, padding included.
             most_radiance: Of all but the sun itself, whose glare follows from `ImagedSun`
                 [W m-2 sr-1].
+            workers: Share the rows.
         """
+        self._workers = workers
         self._lens, self._image, self._most = lens, image, np.float32(most_radiance)
         rows, columns = -(-image.height // _CELL), -(-image.width // _CELL)
         self._glare = Glare(lens, (rows, columns), _CELL, image.width * image.height)
@@ -57,6 +63,8 @@ class StrayLight:
         corners = np.indices((rows + 1, columns + 1), float)[::-1].transpose(1, 2, 0) * _CELL - 0.5
         self._corners_px = corners
         self._amplified = 1.0 / image.falloff(corners)  # radiance of an irradiance of one
+        # Both cameras of a pair see the sun in one place.
+        self._of_sun = functools.lru_cache(1)(self._light_of_sun)
 
     def passed_on(self, radiance: F32, depth_m: F32, sun: ImagedSun | None = None,
                   side: int = 0) -> F32:
@@ -74,23 +82,41 @@ class StrayLight:
         lens, image = self._lens, self._image
         if lens.perfect:
             return radiance
-        means = _cell_means(radiance, depth_m, self._most, _CELL)
-        stray = self._glare.of((means * self._falloff)[None])[0]
+        sums = np.zeros(self._falloff.shape)
+        self._workers.rows(_cell_sums, len(sums), radiance, depth_m, self._most, _CELL, sums)
+        stray = self._glare.of((sums * (4.0 / _CELL**2) * self._falloff)[None])[0]
         if sun is None:
-            return _veiled(radiance, (stray * self._amplified).astype(np.float32),
-                           np.float32(lens.direct_share), _CELL)
+            return self._veiled(radiance, stray * self._amplified)
         flux = float(sun.irradiance[side]) * lens.hood(sun.direction) * image.pupil(sun.direction)
         veil = lens.config.veil_share * (1.0 - lens.config.ghost_share)
         stray += flux * veil * image.focal_px**2 / (image.width * image.height)
         stray *= self._amplified
-        place = image.place(sun.direction)
-        stray += flux * (1.0 - _nearby(self._corners_px, place)) * self._scatter(
-            self._corners_px, sun.direction)
-        result = _veiled(radiance, stray.astype(np.float32), np.float32(lens.direct_share), _CELL)
-        if flux > 0.0:
-            self._add_near(result, sun.direction, place, flux)
-            if lens.config.ghost_share > 0.0:
-                self._add_ghosts(result, sun, place, flux)
+        at_corners, parts = self._of_sun(tuple(sun.direction))
+        result = self._veiled(radiance, stray + flux * at_corners)
+        for part, light in parts if flux > 0.0 else ():
+            result[part] += flux * light
+        return result
+
+    def _light_of_sun(self,
+                      direction: tuple[float, ...]) -> tuple[Array, list[tuple[Part, Array]]]:
+        """Return the radiance at corners, and in parts of the image, of an irradiance of one.
+
+        The parts are near the sun, where cells are too coarse, and its ghosts.
+        """
+        towards = np.array(direction)
+        place = self._image.place(towards)
+        part, places = self._square(place, _NEAR_PX[1])
+        parts = [(part, _nearby(places, place) * self._scatter(places, towards))]
+        if self._lens.config.ghost_share > 0.0:
+            parts += self._ghosts(towards, place)
+        corners = self._corners_px
+        return (1.0 - _nearby(corners, place)) * self._scatter(corners, towards), parts
+
+    def _veiled(self, radiance: F32, stray: Array) -> F32:
+        """Return the direct share of radiance, and stray light, known at corners of cells."""
+        result = np.empty(radiance.shape, np.float32)
+        self._workers.rows(_veil, len(result), radiance, stray.astype(np.float32),
+                           np.float32(self._lens.direct_share), _CELL, result)
         return result
 
     def _scatter(self, places_px: Array, direction: Array) -> Array:
@@ -98,28 +124,23 @@ class StrayLight:
         apart, radiance = self._image.scatter(places_px, direction)
         return self._lens.scatter(apart) * radiance
 
-    def _add_near(self, result: F32, direction: Array, place: Array, flux: float) -> None:
-        """Add the light near the sun, which cells are too coarse for."""
-        part, places = self._square(place, _NEAR_PX[1])
-        if places.size:
-            result[part] += flux * _nearby(places, place) * self._scatter(places, direction)
-
-    def _add_ghosts(self, result: F32, sun: ImagedSun, sun_px: Array, flux: float) -> None:
-        """Add the ghosts, each under the fall-off of its middle."""
+    def _ghosts(self, direction: Array, sun_px: Array) -> list[tuple[Part, Array]]:
+        """Return the ghosts, each under the fall-off of its middle."""
         focal, config = self._image.focal_px, self._lens.config
         centre = self._image.K[:2, 2]
-        pair = flux * config.veil_share * config.ghost_share / PAIRS
+        pair = config.veil_share * config.ghost_share / PAIRS
+        result = []
         for ghost in GHOSTS:
             place = centre + ghost.place * (sun_px - centre)
             part, places = self._square(place, ghost.reach_px(focal))
-            passing = ghost.passing(sun.direction)
+            passing = ghost.passing(direction)
             if places.size and passing > 0.0:
-                away = np.linalg.norm(places - place, axis=-1)
                 # Radiance is irradiance per pixel over the fall-off and the pixel's solid angle.
-                result[part] += ghost.irradiance(away, focal) * (
-                    pair * passing * focal**2 / float(self._image.falloff(place)))
+                result.append((part, ghost.irradiance(lengths(places - place), focal) * (
+                    pair * passing * focal**2 / float(self._image.falloff(place)))))
+        return result
 
-    def _square(self, place: Array, radius_px: float) -> tuple[tuple[slice, slice], Array]:
+    def _square(self, place: Array, radius_px: float) -> tuple[Part, Array]:
         """Return the part of the image around a place, and the (h, w, 2) places of its pixels."""
         size = np.array([self._image.width, self._image.height])
         low = np.clip(np.floor(place - radius_px), 0, size).astype(int)
@@ -132,35 +153,31 @@ class StrayLight:
 def _nearby(places_px: Array, sun_px: Array) -> Array:
     """Return the share of the scattered light at places that is computed pixel by pixel."""
     low, high = _NEAR_PX
-    return smoothstep((high - np.linalg.norm(places_px - sun_px, axis=-1)) / (high - low))
+    return smoothstep((high - lengths(places_px - sun_px)) / (high - low))
 
 
 @compiled
-def _cell_means(radiance, depth, most, cell):  # type: ignore[no-untyped-def]
-    """Return the mean radiance of cells, from every second pixel of every second row.
+def _cell_sums(first, last, radiance, depth, most, cell, cells):  # type: ignore[no-untyped-def]
+    """Fill in the sums of rows of cells, of the radiance of every second pixel and row.
 
     The sky is left out: stray light of the sun is computed apart, and the Earth has none. Light
     brighter than `most` is that of the sun itself, and cut off.
     """
     h, w = radiance.shape
-    means = np.zeros((-(-h // cell), -(-w // cell)))
-    for r in range(0, h, 2):
-        row, far, sums = radiance[r], depth[r], means[r // cell]
+    for r in range(first * cell, min(last * cell, h), 2):
+        row, far, sums = radiance[r], depth[r], cells[r // cell]
         for k in range(len(sums)):
             total = 0.0
             for c in range(cell * k, min(cell * (k + 1), w), 2):
                 if far[c] != 0.0:
                     total += min(row[c], most)
             sums[k] += total
-    return means * (4.0 / (cell * cell))
 
 
 @compiled
-def _veiled(radiance, stray, direct, cell):  # type: ignore[no-untyped-def]
-    """Return the direct share of radiance, and stray light interpolated between corners of cells.
-    """
-    h, w = radiance.shape
-    result = np.empty((h, w), np.float32)
+def _veil(first, last, radiance, stray, direct, cell, result):  # type: ignore[no-untyped-def]
+    """Fill in rows of the direct share of radiance, and stray light between corners of cells."""
+    w = radiance.shape[1]
     one, half = np.float32(1.0), np.float32(0.5)
     step = one / np.float32(cell)
     column, across = np.empty(w, np.int64), np.empty(w, np.float32)
@@ -169,7 +186,7 @@ def _veiled(radiance, stray, direct, cell):  # type: ignore[no-untyped-def]
         across[c] = (np.float32(c - column[c] * cell) + half) * step
     row_stray = np.empty(stray.shape[1], np.float32)
     veil = np.empty(w, np.float32)
-    for r in range(h):
+    for r in range(first, last):
         k = r // cell
         down = (np.float32(r - k * cell) + half) * step
         upper, lower = stray[k], stray[k + 1]
@@ -181,4 +198,3 @@ def _veiled(radiance, stray, direct, cell):  # type: ignore[no-untyped-def]
         own, out = radiance[r], result[r]
         for c in range(w):
             out[c] = direct * own[c] + veil[c]
-    return result

@@ -25,6 +25,7 @@ from lunar_rover_sim.camera.miscalibration import margin, Miscalibration
 from lunar_rover_sim.camera.mount import Mount, TurnedMount
 from lunar_rover_sim.camera.rig import PinholeCamera
 from lunar_rover_sim.camera.sensor import SensorModel
+from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.config import SunConfig
@@ -38,6 +39,7 @@ from lunar_rover_sim.rendering.scene_passes import Drawn, ScenePasses
 from lunar_rover_sim.rendering.seen_links import seen_links
 from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.workers import Workers
 
 
 class PinholeFace:
@@ -112,7 +114,8 @@ class CameraRenderer(GlOwner):
                 for k, (turn, projection) in enumerate(zip(faces.turns, faces.projections))]
             self._development = Development(
                 camera, faces.image, faces.lens, config.sensor, light_of(config), seed,
-                Miscalibration.drawn(config.miscalibration, seed), on_body=mount.on_body)
+                Miscalibration.drawn(config.miscalibration, seed), on_body=mount.on_body,
+                workers=shared.workers)
 
     def _seen_links(self) -> tuple[int, ...]:
         """Return the links of the rover that may be in view; all if the mount is not on it."""
@@ -208,7 +211,7 @@ class CameraRenderer(GlOwner):
         for side in request.sides:
             if request.depth_of(side):
                 name, depth = request.name('depth', side), develop.inside(depth_m[side])
-                true_m = true_depth(depth)
+                true_m = true_depth(depth, self._shared.workers)
                 if name in request.layers:
                     out[f'{name}_m'] = true_m
                 if side == LEFT and request.flow:
@@ -255,11 +258,20 @@ def light_of(config: RenderConfig) -> Light:
     return Light(config.sun, config.lamp, config.reflectance)
 
 
-def true_depth(drawn_m: NDArray[np.float32]) -> NDArray[np.float32]:
+def true_depth(drawn_m: NDArray[np.float32], workers: Workers) -> NDArray[np.float32]:
     """Return depth that was drawn, as the layer has it: positive, infinite in the sky."""
-    depth_m = np.abs(drawn_m)
-    depth_m[depth_m == 0.0] = np.inf
+    depth_m = np.empty(drawn_m.shape, np.float32)
+    workers.rows(_true_depth, len(depth_m), drawn_m, depth_m)
     return depth_m
+
+
+@compiled
+def _true_depth(first, last, drawn, depth):  # type: ignore[no-untyped-def]
+    """Fill in rows of (h, w) depth."""
+    for r in range(first, last):
+        own, out = drawn[r], depth[r]
+        for c in range(len(own)):
+            out[c] = abs(own[c]) if own[c] != 0.0 else np.inf
 
 
 def padded_projection(camera: PinholeCamera, config: RenderConfig) -> Projection:

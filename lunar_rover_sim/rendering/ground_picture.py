@@ -1,16 +1,12 @@
 """The ground in the images of a frame: its depth, light and truth, made by arrays from its meshes.
 
-It is made once the meshes are drawn, before the ground changes or the frame is finished. Where
-there are many cores, some of them share its bands of rows.
+It is made once the meshes are drawn, before the ground changes or the frame is finished.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection
-from concurrent.futures import ThreadPoolExecutor
 import dataclasses
-import os
-import threading
 from typing import Any
 
 import numpy as np
@@ -23,40 +19,7 @@ from lunar_rover_sim.rendering.crater_map import CraterLists
 from lunar_rover_sim.rendering.frame_targets import read_image
 from lunar_rover_sim.rendering.ground_band import Band, GroundImage, GroundSource
 from lunar_rover_sim.rendering.ground_mesh import GroundShape
-
-_MOST_THREADS = 8
-
-
-class Workers:
-    """What makes bands: threads, each with memory of its own, where there are cores for them."""
-
-    def __init__(self) -> None:
-        # Two threads on two cores took a fifth more processor time, and no less time.
-        count = min(len(os.sched_getaffinity(0)) // 4, _MOST_THREADS)
-        self._pool = ThreadPoolExecutor(count) if count > 1 else None
-        self._own = threading.local()
-
-    def run(self, parts: list[Part]) -> None:
-        """Make all bands of images."""
-        tasks = [(part, row) for part in parts for row in part.first_rows()]
-        if self._pool is None:
-            for part, row in tasks:
-                self._make(part, row)
-        else:
-            for _ in self._pool.map(lambda task: self._make(*task), tasks):
-                pass
-
-    def _make(self, part: Part, row: int) -> None:
-        bands = self._own.__dict__.setdefault('bands', {})
-        width = part.image.depth_m.shape[1]
-        if width not in bands:
-            bands[width] = Band(width)
-        part.draw(bands[width], row)
-
-    def release(self) -> None:
-        """Let the threads end."""
-        if self._pool is not None:
-            self._pool.shutdown()
+from lunar_rover_sim.workers import Workers
 
 
 @dataclasses.dataclass
@@ -141,14 +104,22 @@ class GroundPicture:
         """Make the images, unless they are made."""
         if not self.images:
             self.read()
-            self._workers.run(list(self._parts.values()))
+            tasks = [(part, row) for part in self._parts.values() for row in part.first_rows()]
+            self._workers.map(self._draw, tasks)
             self.images = {key: part.image for key, part in self._parts.items()}
 
+    def _draw(self, part: Part, row: int) -> None:
+        bands = self._workers.memory.__dict__.setdefault('bands', {})
+        width = part.drawing.projection.width
+        if width not in bands:
+            bands[width] = Band(width)
+        part.draw(bands[width], row)
 
-def cover(image: LitImage, ground: GroundImage) -> None:
+
+def cover(image: LitImage, ground: GroundImage, workers: Workers) -> None:
     """Add the ground to an image of objects, in place, where no object lies before it."""
     radiance = ground.radiance if ground.radiance is not None else ground.depth_m
-    _cover(ground.depth_m, radiance, image.depth_m, image.radiance)
+    workers.rows(_cover, len(radiance), ground.depth_m, radiance, image.depth_m, image.radiance)
     if image.tint is not None and ground.tint is not None:
         np.copyto(image.tint, ground.tint, where=(image.depth_m > 0.0)[..., None])
 
@@ -163,14 +134,15 @@ def tell(truth: dict[str, NDArray[Any]], depth_m: NDArray[np.float32],
 
 
 @compiled
-def _cover(ground_depth, ground_radiance, depth, radiance):  # type: ignore[no-untyped-def]
-    """Write the ground into (h, w) depth and radiance, where no object lies before it.
+def _cover(first, last, ground_depth, ground_radiance, depth,  # type: ignore[no-untyped-def]
+           radiance):
+    """Write the ground into rows of (h, w) depth and radiance, where no object lies before it.
 
     Args:
         depth: Negative for objects, 0 where there are none [m].
     """
-    h, w = depth.shape
-    for r in range(h):
+    w = depth.shape[1]
+    for r in range(first, last):
         own, seen, light, out = ground_depth[r], depth[r], ground_radiance[r], radiance[r]
         for c in range(w):
             shows = own[c] > 0.0 and (seen[c] == 0.0 or own[c] < -seen[c])

@@ -230,24 +230,25 @@ class ScenePasses(GlOwner):
 
         The ground is added to what was drawn.
         """
-        samples, ground = drawn.samples, scene.ground
+        samples, ground, workers = drawn.samples, scene.ground, self._shared.workers
         assert ground is not None
         ground.make()
         if ground in self._shared.waiting:
             self._shared.waiting.remove(ground)
         last = len(scene.drawings) - 1
         for side, image in samples.items():
-            cover(image, ground.images[0, side])
+            cover(image, ground.images[0, side], workers)
         for side, depth_m in drawn.depth_m.items():
             own = ground.images[last, side]
             if last or side not in samples:
-                cover(LitImage(np.zeros_like(depth_m), depth_m), own)
-            tell(drawn.truth.get(side, {}), depth_m, own)
+                cover(LitImage(np.zeros_like(depth_m), depth_m), own, workers)
+            if side in drawn.truth:
+                tell(drawn.truth[side], depth_m, own)
         self._earth.draw(scene, samples.values())   # before outlines in front of it are smoothed
         if self._config.detail.smooth_outlines:
             pixel = 1.0 / self._samples.projection.focal_px
             for image in samples.values():
-                smooth_outlines(image.radiance, image.depth_m, pixel, scene.above_m)
+                smooth_outlines(image.radiance, image.depth_m, pixel, scene.above_m, workers)
         self._sun.draw(scene, samples)
         return {side: LitImage(_averaged(image.radiance, self._times), drawn.depth_m[side],
                                drawn.link.get(side), _averaged_tint(image, self._times))

@@ -19,7 +19,7 @@ from lunar_rover_sim.rendering.crater_map import crater_lists, CraterLists
 from lunar_rover_sim.rendering.gl_owner import GlOwner
 from lunar_rover_sim.rendering.ground_band import GroundSource
 from lunar_rover_sim.rendering.ground_pass import GroundPass
-from lunar_rover_sim.rendering.ground_picture import GroundPicture, Workers
+from lunar_rover_sim.rendering.ground_picture import GroundPicture
 from lunar_rover_sim.rendering.ground_texels import GroundTexels
 from lunar_rover_sim.rendering.lamp_shadow import LampLight, LampShadow
 from lunar_rover_sim.rendering.lighting import GroundConstants, lighting_constants
@@ -32,6 +32,7 @@ from lunar_rover_sim.rendering.track_map import TrackMap
 from lunar_rover_sim.rendering.track_texels import TrackSun
 from lunar_rover_sim.rendering.world_light import world_light, WorldLight
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.workers import Workers
 from lunar_rover_sim.world.far_rocks import far_rocks
 from lunar_rover_sim.world.model import World
 
@@ -48,7 +49,7 @@ class WorldPasses(GlOwner):
         lamp: None without a lamp.
         tracks: None before `follow`.
         programs: Of all passes that compute light or truth.
-        workers: Threads that light the ground.
+        workers: Threads for rows of images.
         waiting: Frames whose ground is not made yet.
         earth: Passes of the light of the Earth, as if that were the sun; None if it is not drawn.
     """

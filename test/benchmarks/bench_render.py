@@ -147,7 +147,7 @@ PASSES = {
     "rover's shadow map": (('rover_shadow', 'RoverShadow', 'cast'),
                            ('rover_shadow', 'RoverShadow', 'may_shade')),
     'mesh depth': (('ground_pass', 'GroundPass', 'draw_depth'),),
-    'ground light': (('ground_picture', 'Workers', 'run'), ('ground_picture', '', '_cover')),
+    'ground light': (('ground_picture', 'GroundPicture', 'make'), ('scene_passes', '', 'cover')),
     'rocks and rover': (('rock_pass', 'RockPass', 'draw'), ('rover_pass', 'RoverPass', 'draw')),
     'reading': (('scene_passes', 'ScenePasses', 'read'),),
     'outlines': (('scene_passes', '', 'smooth_outlines'),),

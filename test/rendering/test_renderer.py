@@ -3,6 +3,8 @@
 import contextlib
 import dataclasses
 import gc
+import os
+import threading
 
 import camera_scene as scene
 from conftest import PLAIN
@@ -77,6 +79,25 @@ def test_a_frame_that_is_begun_early_is_the_same(world, lamp_w):
     for one, two in zip(plain, early):
         for field in dataclasses.fields(one):
             np.testing.assert_array_equal(getattr(one, field.name), getattr(two, field.name))
+
+
+@pytest.mark.parametrize('sensor', [SensorConfig(),
+                                    SensorConfig(encoding='rgb8', line_time_s=1e-4)])
+def test_pictures_do_not_depend_on_the_number_of_threads(monkeypatch, world, sensor):
+    camera = CameraConfig(width=200, height=150, distortion=(-0.1, 0.0, 0.0, 0.0, 0.0))
+    config = RenderConfig(camera=camera, sun=scene.RELIEF_SUN, sensor=sensor)
+    state = RoverPose(pose_on(world, 1.0, 0.0, 20.0), STILL,
+                      angular_velocity_radps=np.array([0.0, 0.0, 3.0]))
+    frames, threads = [], []
+    for cores in (2, 6):
+        monkeypatch.setattr(os, 'sched_getaffinity', lambda _, n=cores: set(range(n)))
+        before = threading.active_count()
+        with Renderer(world, scene.ROVER, config) as renderer:
+            frames.append(renderer.render(state, 3, LAYERS))
+            threads.append(threading.active_count() - before)
+    assert threads == [0, 3]
+    for field in dataclasses.fields(frames[0]):
+        np.testing.assert_array_equal(*(getattr(frame, field.name) for frame in frames))
 
 
 def test_begin_and_finish_out_of_order(world, renderer):
