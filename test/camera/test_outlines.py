@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.camera.outlines import smooth_outlines
+from lunar_rover_sim.workers import Workers
 
 H, W, FINER = 60, 80, 16
 
@@ -55,3 +56,14 @@ def test_ground_that_recedes_has_no_outline():
     smooth = texture.copy()
     smooth_outlines(smooth, depth, 1.0 / focal, above)
     np.testing.assert_array_equal(smooth, texture)
+
+
+def test_rows_that_threads_share_are_those_of_one():
+    rng = np.random.default_rng(3)
+    depth = np.kron(rng.uniform(1.0, 9.0, (30, 12)), np.ones((2, 4))).astype(np.float32)
+    whole = rng.uniform(0.0, 1.0, depth.shape).astype(np.float32)
+    shared, workers = whole.copy(), Workers(3)
+    smooth_outlines(whole, depth, 1.0 / 300.0, 1.0)
+    smooth_outlines(shared, depth, 1.0 / 300.0, 1.0, workers)
+    workers.release()
+    np.testing.assert_array_equal(shared, whole)
