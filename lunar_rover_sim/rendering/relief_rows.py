@@ -93,13 +93,16 @@ def _find_places(s, cells, tile, zone):  # type: ignore[no-untyped-def]
 
 
 @vectorised
-def _at_levels(s, place, t, count, words, side, first):  # type: ignore[no-untyped-def]
+def _at_levels(s, place, t, out, channels, count, words, side,  # type: ignore[no-untyped-def]
+               first):
     """Interpolate a tile that wraps around, at whole mip levels.
 
-    Places and levels are those at _AT and _WHOLE, the four channels go to _RAW.
+    Places and levels are those at _AT and _WHOLE.
 
     Args:
         s, place, t: Scratch memory of float32, int32 and uint32.
+        out: Page that the first channel goes to; the others follow.
+        channels: Of four.
         count: Of pixels.
     """
     lowest, highest = np.int32(99), np.int32(0)
@@ -128,8 +131,8 @@ def _at_levels(s, place, t, count, words, side, first):  # type: ignore[no-untyp
         k, east, north = place[_INDEX + j], place[_EAST + j], place[_NORTH + j]
         t[j], t[_PAGE + j] = words[k], words[k + east]
         t[2 * _PAGE + j], t[3 * _PAGE + j] = words[k + north], words[k + north + east]
-    for channel in range(4):
-        page = _RAW + channel * _PAGE
+    for channel in range(channels):
+        page = out + channel * _PAGE
         for j in range(count):
             f, g = s[_U + j], s[_V + j]
             a, b = byte(t[j]), byte(t[_PAGE + j])
@@ -142,13 +145,13 @@ def _at_levels(s, place, t, count, words, side, first):  # type: ignore[no-untyp
 
 
 @vectorised
-def _texels(s, place, t, which, at, out, levels, finer, count,  # type: ignore[no-untyped-def]
-            words, side, first):
+def _texels(s, place, t, which, at, out, channels, levels,  # type: ignore[no-untyped-def]
+            finer, count, words, side, first):
     """Interpolate a tile between texels and between mip levels.
 
     Args:
         which: Scratch memory of int64.
-        at: Page of the places in it; `out`: of its four channels, 0 to 1; `levels`: of mip levels.
+        at: Page of the places in it; `out`: of its channels, 0 to 1; `levels`: of mip levels.
         finer: Subtracted from those.
     """
     few = 0
@@ -160,10 +163,7 @@ def _texels(s, place, t, which, at, out, levels, finer, count,  # type: ignore[n
         s[_AT + j] = s[at + j]
     for j in range(count):
         s[_AT + _PAGE + j] = s[at + _PAGE + j]
-    _at_levels(s, place, t, count, words, side, first)
-    for page in range(0, 4 * _PAGE, _PAGE):
-        for j in range(count):
-            s[out + page + j] = s[_RAW + page + j]
+    _at_levels(s, place, t, out, channels, count, words, side, first)
     # A third of the pixels lie between two levels.
     for j in range(count):
         which[few] = j
@@ -173,10 +173,10 @@ def _texels(s, place, t, which, at, out, levels, finer, count,  # type: ignore[n
             j = which[k]
             s[_AT + k], s[_AT + _PAGE + k] = s[at + j], s[at + _PAGE + j]
             s[_WHOLE + k] = s[_WHOLE + j] + _ONE
-        _at_levels(s, place, t, few, words, side, first)
+        _at_levels(s, place, t, _RAW, channels, few, words, side, first)
         for k in range(few):
             j = which[k]
-            for page in range(0, 4 * _PAGE, _PAGE):
+            for page in range(0, channels * _PAGE, _PAGE):
                 own = s[out + page + j]
                 s[out + page + j] = own + s[_PART + j] * (s[_RAW + page + k] - own)
 
@@ -213,8 +213,8 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
         for j in range(_N):
             s[_LEVEL + j] = detail[i + j]
         _find_places(s, cells, tile, zone)
-        _texels(s, cells, t, between, _PLACES, _OUT, _LEVEL, _TWO, _N,
-                coarse, coarse_side, coarse_first)
+        _texels(s, cells, t, between, _PLACES, _OUT, 4, _LEVEL, _TWO,
+                _N, coarse, coarse_side, coarse_first)
         # Few pixels lie between two cells.
         few = 0
         for j in range(_N):
@@ -226,7 +226,7 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
                 s[_FEW + k], s[_FEW + _PAGE + k] = (s[_PLACES + 4 * _PAGE + j],
                                                     s[_PLACES + 5 * _PAGE + j])
                 s[_FEW + 2 * _PAGE + k] = s[_LEVEL + j]
-            _texels(s, cells, t, between, _FEW, _NEXT, _FEW + 2 * _PAGE, _TWO, few,
+            _texels(s, cells, t, between, _FEW, _NEXT, 4, _FEW + 2 * _PAGE, _TWO, few,
                     coarse, coarse_side, coarse_first)
             # The coarse tile chooses for both.
             for k in range(few):
@@ -245,8 +245,8 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
             slope_ay[i + j] = (s[_OUT + _PAGE + j] - _CODE_ZERO) * _SLOPES
         for j in range(_N):
             horizon_a[i + j] = middle + (_TWO * s[_OUT + 2 * _PAGE + j] - _ONE) * half
-        _texels(s, cells, t, between, _PLACES + 2 * _PAGE, _OUT, _LEVEL, _ZERO, _N,
-                fine, fine_side, fine_first)
+        _texels(s, cells, t, between, _PLACES + 2 * _PAGE, _OUT, 3, _LEVEL, _ZERO,
+                _N, fine, fine_side, fine_first)
         for j in range(_N):
             slope_bx[i + j] = (s[_OUT + j] - _CODE_ZERO) * _SLOPES
         for j in range(_N):
@@ -281,10 +281,10 @@ def shape_of_block(corner_x, corner_y, texel, tile, zone, lattice,  # type: igno
                 s[_X + j] = corner_x + (np.float32(start + j) + _HALF) * texel
                 s[_Y + j] = y
             _find_places(s, cells, tile, zone)
-            _texels(s, cells, t, between, _PLACES, _OUT, _LEVEL, _ZERO, _N, coarse, coarse_side,
-                    coarse_first)
-            _texels(s, cells, t, between, _PLACES + 4 * _PAGE, _NEXT, _LEVEL, _ZERO, _N, coarse,
+            _texels(s, cells, t, between, _PLACES, _OUT, 4, _LEVEL, _ZERO, _N, coarse,
                     coarse_side, coarse_first)
+            _texels(s, cells, t, between, _PLACES + 4 * _PAGE, _NEXT, 4, _LEVEL, _ZERO, _N,
+                    coarse, coarse_side, coarse_first)
             for j in range(min(_N, m - start)):
                 lead = s[_LEAD + j] + s[_OUT + 3 * _PAGE + j] - s[_NEXT + 3 * _PAGE + j]
                 other = min(max(_HALF - _SOFT * lead, _ZERO), _ONE)
