@@ -54,7 +54,7 @@ def lamp_on(depth, x, y, z, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-unt
         clip: (4, 4) from axes of the world around the lamp to its map, transposed.
         shadow: (m, m) depth of ground and rocks along the axis of the lamp, 0 where there is none,
             negative for rocks [m].
-        shape, relief, centre: As for `surface_rows.displace`; (0, 0, 2) where relief has none.
+        shape, relief, centre: As for `surface_rows.displace`; (0, 0) where relief has none.
         irradiance: (n,) normal, filled in [W/m2], as the cosines of incidence and phase.
     """
     m = len(shadow)

@@ -25,6 +25,7 @@ _TEXEL_M = 1.0 / 320.0      # that of the coarse tile
 _BLOCK = 80                # texels along a side
 _BLOCK_M = _BLOCK * _TEXEL_M
 _BLOCKS = 22                # of the map, along a side: twice the most of `detail.relief_shape_m`
+_BESIDE = 16                # texels: rows of an odd number of cache lines, for the cache's sake
 _LIFT_M = 1.0               # most that ground within reach is above or below that at the camera
 
 
@@ -37,12 +38,12 @@ class ReliefShape(NamedTuple):
         reach_m: Distance up to which relief has shape.
     """
 
-    shape: F32
+    shape: NDArray[np.uint32]
     numbers: F32
     reach_m: float
 
 
-NO_RELIEF = ReliefShape(np.zeros((0, 0, 2), np.float32), np.ones(3, np.float32), 0.0)
+NO_RELIEF = ReliefShape(np.zeros((0, 0), np.uint32), np.ones(3, np.float32), 0.0)
 
 
 class ReliefMap:
@@ -68,7 +69,7 @@ class ReliefMap:
                                 axis=-1)
                        for tile, times in ((tiles.coarse, 0), (tiles.fine, FINER))]
         most_m = float(tiles.coarse.heights.max() + tiles.fine.heights.max())
-        self.shape = ReliefShape(np.zeros((side, side, 2), np.float32), np.array(
+        self.shape = ReliefShape(np.zeros((side, side + _BESIDE), np.uint32), np.array(
             [1.0 / (_BLOCKS * _BLOCK_M), most_m, grid.half_extent_m - grid.cell_m], np.float32),
             reach_m)
         self._drawn: NDArray[np.int64] = np.full((_BLOCKS, _BLOCKS, 2), np.iinfo(np.int64).max)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import inlined, vectorised
-from lunar_rover_sim.rendering.row_math import any_positive, byte, CHUNK, grid_cell, PAGE
+from lunar_rover_sim.rendering.row_math import (any_positive, byte, CHUNK, grid_cell, packed_shape,
+                                                PAGE)
 
 _N, _PAGE = CHUNK, PAGE
 _X, _Y, _LEAD, _LEVEL, _U, _V, _PART, _WHOLE = (k * _PAGE for k in range(8))
@@ -267,7 +268,7 @@ def shape_of_block(corner_x, corner_y, texel, tile, zone, lattice,  # type: igno
             shape.
         coarse_shape, fine_shape: (n, n, 2) heights [m] and bounds of slopes of both tiles, with
             texels as long as those of the block.
-        result: (m, m, 2) a view of the map.
+        result: (m, m) a view of the map, of texels as `row_math.packed_shape` has them.
     """
     s, cells = np.empty(_FLOATS, np.float32), np.empty(7 * _PAGE, np.int32)
     t, between = np.zeros(4 * _PAGE, np.uint32), np.empty(_N, np.int64)
@@ -290,18 +291,16 @@ def shape_of_block(corner_x, corner_y, texel, tile, zone, lattice,  # type: igno
                 other = min(max(_HALF - _SOFT * lead, _ZERO), _ONE)
                 if s[_LEAD + j] >= _ONE:
                     other = _ZERO
-                for k in range(2):
-                    value = _ZERO
-                    for copy in range(2):
-                        share = other if copy else _ONE - other
-                        if share > _ZERO:
-                            page = _PLACES + 4 * _PAGE * copy + j
-                            value += share * (
-                                _between(s[page], s[page + _PAGE], coarse_shape, k)
-                                + _between(s[page + 2 * _PAGE], s[page + 3 * _PAGE], fine_shape,
-                                           k))
-                    result[r, start + j, k] = value
-                result[r, start + j, 0] += _bend(s[_X + j], y, heights, lattice)
+                height, steep = _bend(s[_X + j], y, heights, lattice), _ZERO
+                for copy in range(2):
+                    share = other if copy else _ONE - other
+                    if share > _ZERO:
+                        page = _PLACES + 4 * _PAGE * copy + j
+                        for texels, at in ((coarse_shape, page), (fine_shape, page + 2 * _PAGE)):
+                            u, v = s[at], s[at + _PAGE]
+                            height += share * _between(u, v, texels, 0)
+                            steep += share * _between(u, v, texels, 1)
+                result[r, start + j] = packed_shape(height, steep)
 
 
 @vectorised

@@ -15,6 +15,8 @@ _DISC, _CUBE, _TINY = (np.float32(x) for x in (0.6366, 0.1366, 1e-6))
 _OF_HALF = np.float32(2.0 ** 112)
 _L1, _L2, _L3, _L4, _L5, _L6 = (np.float32(x) for x in (
     1.44253477, -0.7180334, 0.45715712, -0.27733943, 0.12147073, -0.02579153))
+# Of a map of the shape of the relief: steps of 1/2**17 m and 1/2**12.
+_HEIGHTS, _STEEPS, _MIDDLE, _MOST = (np.float32(x) for x in (131072.0, 4096.0, 32768.0, 65535.0))
 _MANTISSA, _UNIT, _BIAS = np.int32(0x7fffff), np.int32(0x3f800000), np.int32(127)
 
 
@@ -77,19 +79,47 @@ def shape_share(x, y, reach):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def shape_at(x, y, shape, scale):  # type: ignore[no-untyped-def]
-    """Return height and bound of the slopes around, of an (n, n, 2) map that wraps around.
+def packed_shape(height, steep):  # type: ignore[no-untyped-def]
+    """Return a texel of a map of the shape of the relief: height [m], bound of the slopes around.
+    """
+    low = np.rint(min(max(height * _HEIGHTS + _MIDDLE, _ZERO), _MOST))
+    high = np.rint(min(steep * _STEEPS, _MOST))
+    return np.uint32(np.int32(low)) | (np.uint32(np.int32(high)) << np.uint32(16))
 
-    scale: 1 / its extent [1/m].
+
+@inlined
+def shape_at(x, y, shape, scale):  # type: ignore[no-untyped-def]
+    """Return height and bound of the slopes around, of an (n, m) map that wraps around.
+
+    Args:
+        shape: Texels as `packed_shape` has them in the first n columns.
+        scale: 1 / its extent [1/m].
     """
     n = len(shape)
-    u, v = x * scale * np.float32(n) - _HALF, y * scale * np.float32(n) - _HALF
+    u, v = x * scale, y * scale
+    u, v = u - np.floor(u), v - np.floor(v)     # a division of whole numbers takes longer
+    u, v = u * np.float32(n) - _HALF, v * np.float32(n) - _HALF
     column, row = np.floor(u), np.floor(v)
     u, v = u - column, v - row
-    i, j = np.int64(column) % n, np.int64(row) % n
-    east, north = (i + 1) % n, (j + 1) % n
-    low = shape[j, i, 0] + u * (shape[j, east, 0] - shape[j, i, 0])
-    high = shape[north, i, 0] + u * (shape[north, east, 0] - shape[north, i, 0])
-    steep_low = shape[j, i, 1] + u * (shape[j, east, 1] - shape[j, i, 1])
-    steep_high = shape[north, i, 1] + u * (shape[north, east, 1] - shape[north, i, 1])
-    return low + v * (high - low), steep_low + v * (steep_high - steep_low)
+    i, j = np.int64(column), np.int64(row)
+    east, north = (i + 1) * (i + 1 < n), (j + 1) * (j + 1 < n)
+    i, j = i + n * (i < 0), j + n * (j < 0)
+    a, b, c, d = shape[j, i], shape[j, east], shape[north, i], shape[north, east]
+    low, high = _low_word(a), _low_word(c)
+    low += u * (_low_word(b) - low)
+    high += u * (_low_word(d) - high)
+    steep_low, steep_high = _high_word(a), _high_word(c)
+    steep_low += u * (_high_word(b) - steep_low)
+    steep_high += u * (_high_word(d) - steep_high)
+    return ((low + v * (high - low) - _MIDDLE) / _HEIGHTS,
+            (steep_low + v * (steep_high - steep_low)) / _STEEPS)
+
+
+@inlined
+def _low_word(word):  # type: ignore[no-untyped-def]
+    return np.float32(np.int32(word & np.uint32(0xffff)))
+
+
+@inlined
+def _high_word(word):  # type: ignore[no-untyped-def]
+    return np.float32(np.int32(word >> np.uint32(16)))
