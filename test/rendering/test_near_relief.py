@@ -73,7 +73,7 @@ def looked_up(frame, rays, T, heights, config):
     of_rover = cv2.dilate((frame.shadow[..., 1] > 0).astype(np.uint8),
                           np.ones((13, 13), np.uint8))
     chosen = np.nonzero((away < NEAR_M) & (of_rover == 0))
-    pick = rng.choice(len(chosen[0]), 16000, replace=False)
+    pick = rng.choice(len(chosen[0]), 24000, replace=False)
     chosen = chosen[0][pick], chosen[1][pick]
     ray, depth = (rays @ T[:3, :3].T)[chosen], frame.depth_m[chosen]
     # From above all relief on, in steps of 1 mm of height and less than 4 mm along the ground.
@@ -155,9 +155,9 @@ def test_normals_are_those_of_the_heights(views):
 
 
 def test_ground_hides_its_shadows_away_from_the_sun(views):
-    """Dark ground by phase angle is what rays and slopes find, within 2.5 points (0.5 to 1.9).
+    """Dark ground by phase angle is what rays and slopes find, within 1.5 points (0.0 to 0.9).
 
-    Texels of shadow are means. Without shape 8 % were dark at 1.5 to 3 deg. The mean is that of
+    In brackets those of 60,000 pixels. Texels of shadow are means. Without shape 8 % were dark at 1.5 to 3 deg. The mean is that of
     the law without a factor.
     """
     phase_deg, lit = joined(views, 'phase_deg'), joined(views, 'lit')
@@ -166,7 +166,7 @@ def test_ground_hides_its_shadows_away_from_the_sun(views):
     for low, high in ((1, 3), (3, 6), (6, 10), (10, 15), (15, 20), (20, 25)):
         some = (phase_deg >= low) & (phase_deg < high)
         assert some.sum() > 100
-        assert -0.01 < dark[some].mean() - found[some].mean() < 0.025
+        assert abs(dark[some].mean() - found[some].mean()) < 0.015
         assert radiance[some].mean() / law[some].mean() == pytest.approx(1.0, abs=0.08)
 
 
