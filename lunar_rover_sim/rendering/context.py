@@ -20,14 +20,14 @@ Uniforms = dict[str, Any]       # values by the names of shader uniforms
 
 
 def create_context() -> moderngl.Context:
-    """Return a standalone EGL context of OpenGL 4.3 core or later.
+    """Return a standalone EGL context of OpenGL 3.3 core or later.
 
     Raises:
         RenderError: If there is no usable device; the error names the packages to install.
     """
     try:
         context = moderngl.create_context(
-            standalone=True, backend='egl', require=430)  # type: ignore[arg-type]
+            standalone=True, backend='egl', require=330)  # type: ignore[arg-type]
     except Exception as error:  # moderngl raises a bare Exception
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RenderError(f'no usable EGL device ({reason}); install the packages '

@@ -47,31 +47,6 @@ OCTAHEDRON = RockShape('octahedron', np.concatenate([np.eye(3), -np.eye(3)]).ast
                                  [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]], np.int32))
 
 
-def octahedra_seen() -> list[F32]:
-    """Return the facets of an octahedron that face a camera, for each `octahedron_kind`."""
-    every = facets(OCTAHEDRON).reshape(8, 3, 6)
-    outward = np.sign(every[:, :, :3].sum(axis=1))
-    kinds = [np.where(octant, -1.0, 1.0) * (1.0 + 2.0 * (np.arange(3) == steep))
-             for octant in np.ndindex(2, 2, 2) for steep in (3, 0, 1, 2)]
-    return [every[outward @ towards > 0.0] for towards in kinds]
-
-
-def octahedron_kind(axes: F32, offset_m: Array) -> NDArray[np.int64]:
-    """Return by the number of `octahedra_seen` which faces of octahedra are seen.
-
-    A direction sees the face of its octant, and those beside it; from nearly along an axis, the
-    one across that axis in place of the one opposite to it.
-
-    Args:
-        axes: (n, 3, 3) semi-axes of each, right angles between them [m].
-        offset_m: (n, 3) from their middles to the camera.
-    """
-    towards = np.einsum('nij,nj->ni', axes, offset_m) / (axes**2).sum(axis=2)
-    away = np.abs(towards)
-    steep = np.where(2.0 * away.max(axis=1) > away.sum(axis=1), 1 + away.argmax(axis=1), 0)
-    return np.asarray((towards < 0.0) @ np.array([16, 8, 4]) + steep)
-
-
 def octahedron_axes(shape: RockShape) -> Array:
     """Return the (3,) semi-axes of an octahedron with the mean outline of a shape."""
     points = shape.vertices.astype(float)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.rendering.context import enable, load_program, release_all
 from lunar_rover_sim.rendering.projection import ViewVolume
-from lunar_rover_sim.rendering.rock_meshes import (library_facets, octahedra_seen, octahedron_axes,
-                                                   octahedron_kind)
+from lunar_rover_sim.rendering.rock_meshes import (facets, library_facets, OCTAHEDRON,
+                                                   octahedron_axes)
 from lunar_rover_sim.rendering.surface import Surface
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
@@ -60,17 +60,13 @@ class RockPass:
         self._diameter = rocks.diameter_m.astype(np.float32)
         self.boxes: Array = np.zeros((0, 2, 3))
         self._axes = np.stack([octahedron_axes(shape) for shape in shapes]).astype(np.float32)
-        # A kind is a shape with its detail; the last kinds are octahedra, which stand for all.
+        # A kind is a shape with its detail; the last kind are octahedra, which stand for all.
         self._tiny = _KINDS * len(shapes)
-        meshes = [*library_facets(shapes, _LEVELS, _COARSE_VERTICES),
-                  *(mesh.reshape(-1, 6) for mesh in octahedra_seen())]
-        self._lengths = np.array([len(mesh) for mesh in meshes])
-        self._starts = np.cumsum(self._lengths) - self._lengths
-        self._vertices = context.buffer(np.concatenate(meshes).tobytes())
-        self._instances = context.buffer(reserve=max(self._data.nbytes, 4), dynamic=True)
-        self._commands = context.buffer(reserve=20 * len(meshes), dynamic=True)
-        self._count = 0
-        self._arrays: dict[int, moderngl.VertexArray] = {}
+        self._instances: dict[int, moderngl.Buffer] = {}
+        self._counts: dict[int, int] = {}
+        self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
+        self._vertices = [context.buffer(mesh.tobytes()) for mesh in (
+            *library_facets(shapes, _LEVELS, _COARSE_VERTICES), facets(OCTAHEDRON))]
 
     def prepare_truth(self) -> None:
         """Be able to draw truth from now on; adds to `programs`."""
@@ -89,20 +85,26 @@ class RockPass:
         shape = self.rocks.shape[visible]
         detail = sum((size < limit * distance).astype(np.int64)
                      for limit in (*_LEVELS_PX, _COARSE_PX))
-        kind_of, data = _KINDS * shape + detail, self._data[visible]
-        tiny = np.flatnonzero(size < _TINY_PX * distance)
-        # The axes of the shape take the place of its vertices.
-        axes = data[tiny, 3:12].reshape(-1, 3, 3) * self._axes[shape[tiny], :, None]
-        data[tiny, 3:12] = axes.reshape(-1, 9)
-        kind_of[tiny] = self._tiny + octahedron_kind(axes, volume.centre_m - centre[tiny])
+        kind_of = np.where(size < _TINY_PX * distance, self._tiny, _KINDS * shape + detail)
         order = np.argsort(kind_of, kind='stable')
+        data = self._data[visible[order]]
         kinds, starts, counts = np.unique(kind_of[order], return_index=True, return_counts=True)
-        self._count = len(kinds)
-        if self._count:
-            self._instances.write(data[order].tobytes())
-            self._commands.write(np.stack([
-                self._lengths[kinds], counts, self._starts[kinds], starts, 0 * kinds],
-                axis=1).astype(np.uint32).tobytes())
+        self._counts = dict(zip(kinds.tolist(), counts.tolist()))
+        for kind, start, count in zip(kinds.tolist(), starts, counts):
+            part = data[start:start + count]
+            if kind == self._tiny:      # the axes of the shape take the place of its vertices
+                axes = self._axes[shape[order[start:start + count]]]
+                part[:, 3:12] *= np.repeat(axes, 3, axis=1)
+            self._write(kind, part)
+
+    def _write(self, kind: int, data: F32) -> None:
+        """Write the instances of one kind."""
+        if kind not in self._instances:
+            members = len(self.rocks) if kind == self._tiny else \
+                int((self.rocks.shape == kind // _KINDS).sum())
+            self._instances[kind] = self._context.buffer(reserve=4 * _FLOATS * members,
+                                                         dynamic=True)
+        self._instances[kind].write(data.tobytes())
 
     def any_in_cone(self, T_world_view: Array, width: float) -> bool:
         """Return whether any rock may reach into a cone around the axis of a view.
@@ -127,12 +129,13 @@ class RockPass:
         enable(self._context, self._context.DEPTH_TEST | self._context.CULL_FACE, add=add)
         program = self.programs[int(truth)]
         self._surface.bind_rocks(program)
-        if program.glo not in self._arrays:
-            self._arrays[program.glo] = self._context.vertex_array(
-                program, [(self._vertices, '3f 3f', 'a_position', 'a_normal'),
-                          (self._instances, _INSTANCE, *_NAMES)], skip_errors=True)
-        if self._count:
-            self._arrays[program.glo].render_indirect(self._commands, count=self._count)
+        for kind, count in self._counts.items():
+            key = (program.glo, kind)
+            if key not in self._arrays:
+                self._arrays[key] = self._context.vertex_array(
+                    program, [(self._vertices[kind], '3f 3f', 'a_position', 'a_normal'),
+                              (self._instances[kind], _INSTANCE, *_NAMES)], skip_errors=True)
+            self._arrays[key].render(instances=count)
 
     def _visible(self, volume: ViewVolume, focal_px: float,
                  least_px: float) -> tuple[NDArray[np.int64], F32]:
@@ -148,5 +151,5 @@ class RockPass:
 
     def release(self) -> None:
         """Release the GL objects."""
-        release_all(*self._arrays.values(), self._instances, self._commands, self._vertices,
+        release_all(*self._arrays.values(), *self._instances.values(), *self._vertices,
                     *self.programs)

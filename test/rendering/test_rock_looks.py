@@ -14,8 +14,7 @@ from lunar_rover_sim.illumination import hapke
 from lunar_rover_sim.illumination.config import ReflectanceConfig
 from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK
 from lunar_rover_sim.rendering.renderer import Renderer
-from lunar_rover_sim.rendering.rock_meshes import (facets, MOST_APART, octahedra_seen,
-                                                   octahedron_kind, worn)
+from lunar_rover_sim.rendering.rock_meshes import facets, MOST_APART, worn
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.world.far_rocks import far_rocks
 from lunar_rover_sim.world.shapes import library
@@ -209,17 +208,3 @@ def test_shadows_darken_the_ground_beyond_its_edge(world):
         share.append(np.mean(np.clip(1.0 - frame.radiance[ground] / lit, 0.0, 1.0)))
     # Rocks cover 1 % and cast shadows six times as long as they are high.
     assert 0.01 < share[1] - share[0] < 0.15
-
-
-def test_of_small_rocks_those_facets_are_drawn_that_face_the_camera():
-    rng = np.random.default_rng(4)
-    turns = np.linalg.qr(rng.standard_normal((400, 3, 3)))[0]
-    axes = turns * rng.uniform(0.3, 1.0, (400, 3, 1))
-    offset = 1e3 * turns[:, 0] + rng.uniform(-1e3, 1e3, (400, 3))
-    facets = octahedra_seen()
-    for kind, own, towards in zip(octahedron_kind(axes, offset), axes, offset):
-        corners = facets[kind][:, :, :3] @ own
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        outward = np.copysign(1.0, (normal * corners.sum(axis=1)).sum(axis=1))
-        assert len(corners) == len(np.unique(np.round(corners.sum(axis=1), 9), axis=0)) == 4
-        assert np.all(outward * (normal * (towards - corners[:, 0])).sum(axis=1) > 0.0)
