@@ -57,8 +57,18 @@ def test_bag_time_is_the_stamp_or_the_fallback(tmp_path, items):
         assert writer.write('/unset', unset.msgtype, synthetic.serialise(unset), 9) == 9
         # There is no time before 0 in a bag.
         assert writer.write('/hash', text.msgtype, synthetic.serialise(text), -5) == 0
+        # What is stamped with the time of another clock is named, and placed at its arrival.
+        later = writer.write('/later', odom.msgtype, synthetic.serialise(odom), 8, 4_999_999)
+        same = writer.write('/odom', odom.msgtype, synthetic.serialise(odom), 8, 5_000_000)
+        assert (later, same, writer.of_another_clock) == (8, 5_000_000, {'/later'})
         assert writer.newest_ns == 5_000_000
-    assert sorted(m[2] for m in everything(tmp_path / 'bag')) == [0, 7, 9, 5_000_000]
+    times = sorted(m[2] for m in everything(tmp_path / 'bag'))
+    assert times == [0, 7, 8, 9, 5_000_000, 5_000_000]
+
+
+def test_a_notebook_shows_a_bag_without_images_as_text(tmp_path):
+    with open_bag(synthetic.write(tmp_path / 'bag', synthetic.latched_items())) as bag:
+        assert repr(bag).split('(')[0] in bag._repr_html_() and '<img' not in bag._repr_html_()
 
 
 def test_latched_topics_are_offered_transient_local():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
 from lunar_rover_sim.camera.image_geometry import PinholeImage
@@ -73,3 +74,34 @@ def test_a_leg_smears_over_ground_that_stands():
     row = mean[60]
     assert row[80] == pytest.approx(5.0) and row[60] == pytest.approx(1.0)
     assert 1.5 < row[69] < 4.5 and 1.0 < row[67] < row[69]
+
+
+def test_the_mean_is_that_of_pictures_taken_along_the_way():
+    """A camera before a painted wall shifts and turns about all axes, far around its own."""
+    v, w, exposure_s = np.array([0.3, 0.6, 0.4]), np.array([0.1, -0.2, 4.0]), 0.2
+    columns, rows = np.meshgrid(np.arange(W), np.arange(H))
+    rays = np.stack([columns, rows, np.ones((H, W))], axis=-1) @ np.linalg.inv(K).T
+
+    def picture(t):
+        at = rays @ Rotation.from_rotvec(w * t).as_matrix().T
+        place = v * t + 0.5 * t * t * np.cross(w, v)
+        x, y = (at[..., k] / at[..., 2] * (3.0 - place[2]) + place[k] for k in (0, 1))
+        return np.sin(2.0 * np.pi * x / 1.2) + np.cos(2.0 * np.pi * y)
+
+    image = picture(0.0).astype(np.float32)
+    mean = blur().mean(image, DEPTH_M, moving(v, w), exposure_s)
+    expected = np.mean([picture(t) for t in exposure_s * ((np.arange(400) + 0.5) / 400 - 0.5)],
+                       axis=0)
+    # Beyond this circle the image does not show all that comes into view.
+    inside = np.hypot(columns - 79.5, rows - 59.5) < 45.0
+    assert np.abs(mean - expected)[inside].max() < 0.03
+    assert np.abs(image - expected)[inside].max() > 0.5
+
+
+def test_ground_that_passes_behind_a_leg_does_not_mix_with_it():
+    link, image = np.zeros((H, W), np.uint8), np.full((H, W), 1.0, np.float32)
+    link[40:80, 70:90], image[40:80, 70:90] = 3, 5.0
+    leg = MovingBody(CameraTwist(np.zeros(3), np.zeros(3)), 3, 1.0 / 3.0)
+    for velocity in ((1.1, 0.3, 0.0), (-0.3, -1.1, 0.0)):
+        mean = blur().mean(image, DEPTH_M, moving(velocity, (0.0, 0.0, 0.0), leg), 0.1, link)
+        np.testing.assert_allclose(mean, image, atol=1e-6)

@@ -59,7 +59,7 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
     odometry = at_rest_odometry()
     odometry.header.stamp.sec = 3
-    with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA, '-p',
+    with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA, *PLAIN_DETAIL, '-p',
                  'stereo.left.image_raw.compressed.format:=png', '-p', 'chase.enabled:=true', '-p',
                  'chase.camera.width:=128', '-p', 'chase.camera.height:=72', *HAZARDS):
         peer.spin_until(lambda: all(received.values()),

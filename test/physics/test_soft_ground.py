@@ -8,6 +8,7 @@ import pytest
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import StartPose
 from lunar_rover_sim.physics.soft_ground import soil_record
+from lunar_rover_sim.physics.soil_contact import BALL_RADIUS_M, BALL_SPACING_M
 from lunar_rover_sim.regolith.law import bearing_n, bearing_on_slope
 from lunar_rover_sim.regolith.soil import PRESETS
 from lunar_rover_sim.world.grid import HeightGrid
@@ -144,6 +145,20 @@ def test_soil_that_does_not_bear_digs_the_rover_in_with_a_name(caplog):
         # Its belly carries it.
         assert simulation.state.position_m[2] > -0.01
     assert 'has dug itself in' in caplog.text
+
+
+def test_balls_below_the_chassis_leave_no_wider_gap_than_stated():
+    with simulate(ground=soft()) as simulation:
+        model = simulation.model
+        balls = np.array([model.geom_pos[k] for k in range(model.ngeom)
+                          if '_ball_' in model.geom(k).name])
+    half = model.geom('chassis').size - BALL_RADIUS_M
+    low = balls[balls[:, 2] < 0.0]
+    for k in (0, 1):
+        along = np.unique(low[:, k].round(6))
+        assert along[[0, -1]] == pytest.approx([-half[k], half[k]])
+        assert np.diff(along).max() <= BALL_SPACING_M
+        assert len(along) <= 2.0 * half[k] / BALL_SPACING_M + 3.0
 
 
 @pytest.mark.parametrize('roll_deg', [0.0, 90.0, 180.0])
