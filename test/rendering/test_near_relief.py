@@ -157,8 +157,8 @@ def test_normals_are_those_of_the_heights(views):
 def test_ground_hides_its_shadows_away_from_the_sun(views):
     """Dark ground by phase angle is what rays and slopes find, within 1.5 points (0.0 to 0.9).
 
-    In brackets those of 60,000 pixels. Texels of shadow are means. Without shape 8 % were dark at 1.5 to 3 deg. The mean is that of
-    the law without a factor.
+    In brackets those of 60,000 pixels. Texels of shadow are means. Without shape 8 % were dark at
+    1.5 to 3 deg. The mean is that of the law without a factor.
     """
     phase_deg, lit = joined(views, 'phase_deg'), joined(views, 'lit')
     radiance, law = joined(views, 'radiance'), joined(views, 'law')
