@@ -12,19 +12,19 @@ class Estimator(Node):
 
     def __init__(self):
         super().__init__('estimator')
-        self._left = {}
+        self._waiting = {}      # images whose other one is still to come, by stamp
         self._publisher = self.create_publisher(PoseStamped, 'slam/pose', 10)
-        self.create_subscription(Image, 'stereo/left/image_raw', self._left_callback, 10)
-        self.create_subscription(Image, 'stereo/right/image_raw', self._right_callback, 10)
+        for side in ('left', 'right'):
+            self.create_subscription(Image, f'stereo/{side}/image_raw',
+                                     lambda image, side=side: self._receive(image, side), 10)
 
-    def _left_callback(self, left):
-        self._left[str(left.header.stamp)] = left
-
-    def _right_callback(self, right):
-        left = self._left.pop(str(right.header.stamp), None)
-        if left is not None:
+    def _receive(self, image, side):
+        pair = self._waiting.setdefault(str(image.header.stamp), {})
+        pair[side] = image
+        if len(pair) == 2:      # either may be the first
+            del self._waiting[str(image.header.stamp)]
             pose = PoseStamped()
-            pose.header.stamp = left.header.stamp        # tells which images this answers
+            pose.header.stamp = pair['left'].header.stamp       # tells which images this answers
             pose.header.frame_id = 'odom'
             pose.pose.position.x = 0.0      # of base_link in odom
             self._publisher.publish(pose)

@@ -21,11 +21,11 @@ rclpy = pytest.importorskip('rclpy')
 
 
 from builtin_interfaces.msg import Time  # noqa: E402  (needs rclpy)
-from geometry_msgs.msg import TwistStamped  # noqa: E402
+from geometry_msgs.msg import PoseStamped, TwistStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from peer import ended, LEGS, Peer, running  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
+from sensor_msgs.msg import Image, JointState  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 
 from lunar_rover_sim.bag.messages import header_ns  # noqa: E402
@@ -188,6 +188,26 @@ def test_templates(template: str, time_mode: str, tmp_path: Path, world_folder: 
             assert stamps == list(range(50_000_000, 10**9 + 1, 50_000_000))
         else:
             assert stamps
+
+
+def test_the_template_of_an_estimator_answers_whichever_image_comes_first(peer: Peer) -> None:
+    stamps: list[int] = []
+    peer.node.create_subscription(PoseStamped, 'slam/pose',
+                                  lambda pose: stamps.append(header_ns(pose)), 10)
+    sides = [peer.node.create_publisher(Image, f'stereo/{side}/image_raw', 10)
+             for side in ('right', 'left')]
+    program = subprocess.Popen([sys.executable, config_folder() / 'templates' / 'estimator.py'])
+    try:
+        peer.spin_until(lambda: all(side.get_subscription_count() for side in sides))
+        for second, order in ((1, sides), (2, sides[::-1])):
+            for publisher in order:
+                publisher.publish(Image(header=Header(stamp=Time(sec=second))))
+                assert publisher.wait_for_all_acked()
+            peer.spin_until(lambda: len(stamps) == second)
+    finally:
+        program.kill()
+        program.wait()
+    assert stamps == [10**9, 2 * 10**9]
 
 
 def test_refused_velocities_are_counted_to_the_last(peer: Peer) -> None:
