@@ -6,10 +6,14 @@ constants and no functions of other files.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+import contextlib
+import fcntl
+import os
 from typing import Any
 
 import numba
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
@@ -26,11 +30,50 @@ def vectorised(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def _compiled(function: Callable[..., Any], **further: Any) -> Callable[..., Any]:
     # A division by zero is no exception; other threads run meanwhile.
-    options: Any = {'error_model': 'numpy', 'nogil': True, **further}
-    try:
-        return numba.njit(cache=True, **options)(function)
-    except RuntimeError:    # neither this folder nor the user's cache can be written to
-        return numba.njit(**options)(function)
+    dispatcher = numba.njit(error_model='numpy', nogil=True, **further)(function)
+    # Neither this folder nor the user's cache may be writable.
+    with contextlib.suppress(RuntimeError):
+        dispatcher._cache = _SharedCache(function)
+    return dispatcher
+
+
+class _SharedCache(FunctionCache):  # type: ignore[misc]
+    """Keeps what is compiled of a function, for all processes."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._cache_file = SharedFiles(self.cache_path, self._impl.filename_base,
+                                       self._impl.locator.get_source_stamp())
+
+
+class SharedFiles(IndexDataCacheFile):  # type: ignore[misc]
+    """The code of a function by types of its arguments, and an index of it.
+
+    Numba takes no lock, and writes the index first: of two processes that compile a function for
+    different types at a time, one got the code of the other, and so did all later ones.
+    """
+
+    def load(self, key: Any) -> Any:
+        """Return the code for these types; None if there is none."""
+        with self._locked(fcntl.LOCK_SH):
+            return super().load(key)
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep the code for these types."""
+        with self._locked(fcntl.LOCK_EX):
+            index = self._load_index()
+            name = index.get(key, self._data_name(len(index) + 1))
+            self._save_data(name, data)
+            self._save_index({**index, key: name})
+
+    @contextlib.contextmanager
+    def _locked(self, how: int) -> Iterator[None]:
+        with contextlib.ExitStack() as owned:
+            # Where nothing can be written, nothing changes.
+            with contextlib.suppress(OSError):
+                fcntl.flock(owned.enter_context(
+                    open(os.path.join(self._cache_path, 'lock'), 'ab')), how)
+            yield
 
 
 def read_only(array: NDArray[Any], dtype: DTypeLike) -> NDArray[Any]:
