@@ -54,9 +54,7 @@ def test_what_is_watched_arrives_while_the_run_goes_on(world_folder: Path,
                                                        tmp_path: Path) -> None:
     """Images, odometry and joint states, with the stamps and the content of the bag."""
     folder, port = tmp_path / 'run', free_port()
-    watched = ', '.join(topic.name for topic in WATCHED)
-    run = start(folder, port, '--set', f'recorder_node.topics=[{watched}]', '--set',
-                'physics_node.ground.model=rigid')
+    run = start(folder, port)
     got = {}
     with client(port) as viewer:
         for number, topic in enumerate(WATCHED):
