@@ -1,7 +1,7 @@
 """Loops that Numba compiles.
 
-Numba keeps what it has compiled of a file until that file changes. So compiled functions use no
-constants and no functions of other files.
+Numba keeps what it has compiled of a file until that file changes; here also until what it takes
+from other files does, compiled functions and numbers.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any
 
 import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.dispatcher import Dispatcher
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
@@ -43,7 +44,18 @@ class _SharedCache(FunctionCache):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         self._cache_file = SharedFiles(self.cache_path, self._impl.filename_base,
-                                       self._impl.locator.get_source_stamp())
+                                       (self._impl.locator.get_source_stamp(),
+                                        *_taken_from_elsewhere(function)))
+
+
+def _taken_from_elsewhere(function: Callable[..., Any]) -> tuple[Any, Any]:
+    """Return times and sizes of files whose compiled functions a file uses, and its numbers."""
+    names = function.__globals__
+    files = {value.py_func.__code__.co_filename for value in names.values()
+             if isinstance(value, Dispatcher)} - {function.__code__.co_filename}
+    return ([(os.stat(file).st_mtime, os.stat(file).st_size) for file in sorted(files)],
+            {name: value for name, value in names.items()
+             if isinstance(value, (int, float, np.number))})
 
 
 class SharedFiles(IndexDataCacheFile):  # type: ignore[misc]

@@ -68,3 +68,18 @@ def test_processes_that_compile_at_a_time_get_their_own_code(tmp_path):
         processes = [subprocess.Popen([sys.executable, script, str(first)], env=environment,
                                       stdout=subprocess.PIPE, text=True) for first in (0, 2, 4)]
         assert [process.communicate()[0].split() for process in processes] == [['56'] * 6] * 3
+
+
+def test_what_other_files_change_is_compiled_again(tmp_path):
+    """A function and a number that a file takes from another one; that file itself stays."""
+    environment = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path / 'cache')}
+    (tmp_path / 'user.py').write_text(
+        'from lunar_rover_sim.compiled import compiled\nfrom shared import ADDED, twice\n\n'
+        '@compiled\ndef result(x):\n    return twice(x) + ADDED\n\nprint(result(3))\n')
+    head = 'from lunar_rover_sim.compiled import compiled, inlined\n'
+    for added, times, expected in ((1, 2, '7'), (1, 20, '61'), (4, 20, '64')):
+        (tmp_path / 'shared.py').write_text(
+            f'{head}ADDED = {added}\n\n@inlined\ndef twice(x):\n    return {times} * x\n')
+        told = subprocess.run([sys.executable, '-B', tmp_path / 'user.py'], env=environment,
+                              capture_output=True, text=True, check=True)
+        assert told.stdout.strip() == expected

@@ -182,6 +182,18 @@ def _texels(s, place, t, which, at, out, channels, levels,  # type: ignore[no-un
                 s[out + page + j] = own + s[_PART + j] * (s[_RAW + page + k] - own)
 
 
+@inlined
+def _decode(s, i, horizon, slope_x, slope_y, tangent):  # type: ignore[no-untyped-def]
+    """Write slopes and tangents of the horizon of the chunk that begins at i."""
+    middle, half = horizon[0], horizon[1]
+    for j in range(_N):
+        slope_x[i + j] = (s[_OUT + j] - _CODE_ZERO) * _SLOPES
+    for j in range(_N):
+        slope_y[i + j] = (s[_OUT + _PAGE + j] - _CODE_ZERO) * _SLOPES
+    for j in range(_N):
+        tangent[i + j] = middle + (_TWO * s[_OUT + 2 * _PAGE + j] - _ONE) * half
+
+
 @vectorised
 def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyped-def]
               coarse, coarse_side, coarse_first, fine, fine_side, fine_first,
@@ -202,7 +214,6 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
     s, cells = np.empty(_FLOATS, np.float32), np.empty(7 * _PAGE, np.int32)
     t, which = np.zeros(4 * _PAGE, np.uint32), np.empty(_N, np.int64)
     between = np.empty(_N, np.int64)
-    middle, half = horizon[0], horizon[1]
     for c in range(len(depth) // _N):
         i = c * _N
         if not any_positive(depth, i):
@@ -240,20 +251,10 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
                 if other > _HALF:
                     s[_PLACES + 2 * _PAGE + j] = s[_PLACES + 6 * _PAGE + j]
                     s[_PLACES + 3 * _PAGE + j] = s[_PLACES + 7 * _PAGE + j]
-        for j in range(_N):
-            slope_ax[i + j] = (s[_OUT + j] - _CODE_ZERO) * _SLOPES
-        for j in range(_N):
-            slope_ay[i + j] = (s[_OUT + _PAGE + j] - _CODE_ZERO) * _SLOPES
-        for j in range(_N):
-            horizon_a[i + j] = middle + (_TWO * s[_OUT + 2 * _PAGE + j] - _ONE) * half
+        _decode(s, i, horizon, slope_ax, slope_ay, horizon_a)
         _texels(s, cells, t, between, _PLACES + 2 * _PAGE, _OUT, 3, _LEVEL, _ZERO,
                 _N, fine, fine_side, fine_first)
-        for j in range(_N):
-            slope_bx[i + j] = (s[_OUT + j] - _CODE_ZERO) * _SLOPES
-        for j in range(_N):
-            slope_by[i + j] = (s[_OUT + _PAGE + j] - _CODE_ZERO) * _SLOPES
-        for j in range(_N):
-            horizon_b[i + j] = middle + (_TWO * s[_OUT + 2 * _PAGE + j] - _ONE) * half
+        _decode(s, i, horizon, slope_bx, slope_by, horizon_b)
 
 
 @vectorised
