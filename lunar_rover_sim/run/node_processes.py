@@ -176,6 +176,8 @@ class NodeProcesses:
             for name in step.stop:
                 if self._processes[name].poll() is None:
                     self._processes[name].send_signal(signal.SIGINT)
+                    # A suspended process receives it once it goes on, and finishes what it has.
+                    self._processes[name].send_signal(signal.SIGCONT)
             waiting += step.stop
             name = waiting.pop(0)
             hurried = failed and name != RECORDER
@@ -187,8 +189,7 @@ class NodeProcesses:
     def _end(self, name: str, limit_s: float) -> Step:
         """Wait for the end of a node that was told to stop, or kill it; return what follows."""
         process, start_s = self._processes[name], time.monotonic()
-        # A suspended process does not receive SIGINT.
-        if _has_ended(process, 0.0 if _is_suspended(process) else limit_s):
+        if _has_ended(process, limit_s):
             return self._note(name, self._describe_end(name))
         process.kill()
         process.wait()

@@ -9,6 +9,7 @@ import time
 
 import pytest
 
+from lunar_rover_sim.bag.marker import mark, why_incomplete
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.run import node_processes
 from lunar_rover_sim.run.ending import DONE, Ending, Step
@@ -181,6 +182,27 @@ def test_who_may_fail_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.Monk
         assert not nodes.unstarted()
     finally:
         nodes.kill()
+
+
+@pytest.mark.parametrize('name', ['lidar_node', 'recorder_node'])
+def test_who_does_not_stop_is_killed_and_named(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """The run goes on without one that may fail; the bag of a recorder is marked."""
+    (tmp_path / 'bag').mkdir()
+    mark(tmp_path / 'bag')
+    monkeypatch.setattr(node_processes, '_STOP_S', 1.0)
+    # SIGINT is blocked from the start and stays so.
+    nodes = start_all(tmp_path, monkeypatch, {name: 'import time\ntime.sleep(60.0)'},
+                      ('lidar_node',))
+    ended = f'{name} did not stop within 1 s and was killed'
+    if name == 'recorder_node':
+        with pytest.raises(GraphError, match=ended):
+            nodes.stop()
+        assert ended in (why_incomplete(tmp_path / 'bag') or '')
+    else:
+        nodes.stop()
+        assert nodes.lost[name] == f'{ended}; the run goes on'
+    nodes.kill()
 
 
 def test_what_a_killed_node_logged_of_its_work_is_no_reason(
