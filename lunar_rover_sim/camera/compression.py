@@ -19,10 +19,10 @@ from lunar_rover_sim.errors import RenderError
 def compressed(pixels: NDArray[Any], config: CompressionConfig) -> tuple[str, bytes]:
     """Return the `format` of a sensor_msgs/CompressedImage, and the file.
 
-    JPEG has 8 bits: mono16 is multiplied by 255 / 65535, as cv_bridge does.
+    JPEG has 8 bits: 16 bits are multiplied by 255 / 65535, as cv_bridge does.
 
     Args:
-        pixels: (h, w) uint8 or uint16, or (h, w, 3) uint8 in the order red, green, blue.
+        pixels: (h, w) or (h, w, 3), in the order red, green, blue, uint8 or uint16.
 
     Raises:
         RenderError: If OpenCV cannot compress the image.
@@ -37,7 +37,7 @@ def compressed(pixels: NDArray[Any], config: CompressionConfig) -> tuple[str, by
         ok, data = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality])
     else:
         # image_transport names no target for grey images, and leaves the blank before it.
-        target = 'bgr8' if colour else ''
+        target = f'bgr{8 * pixels.itemsize}' if colour else ''
         ok, data = cv2.imencode('.png', pixels, [cv2.IMWRITE_PNG_COMPRESSION, config.png_level])
     if not ok:
         raise RenderError(f'{config.format}: an image of shape {pixels.shape} and type '

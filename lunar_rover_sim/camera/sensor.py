@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.config import CameraConfig, LensConfig, SensorConfig
-from lunar_rover_sim.camera.encoding import has_colour
+from lunar_rover_sim.camera.encoding import has_16_bits, has_colour
 from lunar_rover_sim.camera.miscalibration import Miscalibration
 from lunar_rover_sim.camera.mosaic import filtered
 from lunar_rover_sim.compiled import compiled
@@ -83,7 +83,7 @@ class SensorModel:
     @property
     def output_type(self) -> type:
         """Type of the output pixels."""
-        return np.uint16 if self.config.encoding.endswith('16') else np.uint8
+        return np.uint16 if has_16_bits(self.config.encoding) else np.uint8
 
     @property
     def output_scale(self) -> tuple[float, float]:

@@ -34,7 +34,7 @@ from lunar_rover_sim.evaluation import polar_layout
 from lunar_rover_sim.evaluation.image_statistics import (check_sizes, chosen, F32, GreyPair,
                                                          levels_of)
 from lunar_rover_sim.files.arrays import map_array
-from lunar_rover_sim.files.images import read_grey
+from lunar_rover_sim.files.images import read_pixels
 from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.sequences.sensor_yaml import CALIBRATION_FILE
@@ -135,7 +135,7 @@ def _files(path: Path, layout: str, lefts: list[Path],
 
 
 def _grey(path: Path) -> F32:
-    levels = read_grey(path, EvaluationError)
+    levels = read_pixels(path, EvaluationError)
     return levels_of(levels, linear=levels.dtype == np.uint16)
 
 

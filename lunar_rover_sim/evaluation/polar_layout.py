@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.image_statistics import (check_sizes, chosen, F32, GreyPair,
                                                          levels_of)
-from lunar_rover_sim.files.images import read_grey
+from lunar_rover_sim.files.images import read_pixels
 from lunar_rover_sim.files.yaml_text import read_text
 
 _BLACK, _FULL = 16.0, 4095.0
@@ -70,7 +70,7 @@ def pairs(all_scenes: list[PolarScene], most: int) -> Iterator[GreyPair]:
 
 def _linear(path: Path) -> F32:
     """Return the signal as a share of full scale."""
-    return levels_of(read_grey(path, EvaluationError), False, _BLACK, _FULL)
+    return levels_of(read_pixels(path, EvaluationError), False, _BLACK, _FULL)
 
 
 def _root(linear: F32) -> F32:

@@ -20,6 +20,9 @@ from PIL import Image
 from lunar_rover_sim.errors import LunarRoverSimError, one_line
 from lunar_rover_sim.files.paths import check_regular
 
+_PNG, _PNG_DEPTH = b'\x89PNG\r\n\x1a\n', slice(24, 25)   # how a file begins; bits of its samples
+_GREY = ('1', 'L', 'LA', 'F')       # of Pillow's modes
+
 
 def read_picture(path: Path, error: type[LunarRoverSimError],
                  colour: bool = False) -> NDArray[np.uint8]:
@@ -34,16 +37,28 @@ def read_picture(path: Path, error: type[LunarRoverSimError],
     return pixels
 
 
-def read_grey(path: Path, error: type[LunarRoverSimError]) -> NDArray[Any]:
-    """Return the (h, w) grey levels of a picture in its own depth, uint8 or uint16.
+def read_pixels(path: Path, error: type[LunarRoverSimError]) -> NDArray[Any]:
+    """Return the (h, w) grey or (h, w, 3) RGB pixels of a picture, uint8 or uint16 as they are.
 
     Raises `error` if the file is missing, damaged or no picture.
     """
-    return _read(path, error, 'L')
+    pixels = _read(path, error)
+    with path.open('rb') as file:
+        start = file.read(_PNG_DEPTH.stop)
+    if pixels.ndim == 3 and start.startswith(_PNG) and start[_PNG_DEPTH] == b'\x10':
+        # Pillow keeps the upper 8 of 16 bits in colour; it has found the file undamaged.
+        deep = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        if deep is None:
+            raise error(f'{path}: cannot be read as a picture')
+        return np.ascontiguousarray(deep[..., 2::-1])
+    return pixels
 
 
-def _read(path: Path, error: type[LunarRoverSimError], mode: str) -> NDArray[Any]:
-    """Return the pixels in a mode of Pillow with 8 bits; 16-bit levels as (h, w) uint16."""
+def _read(path: Path, error: type[LunarRoverSimError], mode: str = '') -> NDArray[Any]:
+    """Return the pixels in a mode of Pillow with 8 bits, '': L or RGB as they are.
+
+    16-bit levels are (h, w) uint16 in any mode.
+    """
     check_regular(path, error)
     try:
         with warnings.catch_warnings():
@@ -52,7 +67,8 @@ def _read(path: Path, error: type[LunarRoverSimError], mode: str) -> NDArray[Any
             with Image.open(path) as picture:
                 if picture.mode.startswith('I'):
                     return np.asarray(picture).astype(np.uint16)
-                return np.asarray(picture.convert(mode), dtype=np.uint8)
+                own = 'L' if picture.mode in _GREY else 'RGB'
+                return np.asarray(picture.convert(mode or own), dtype=np.uint8)
     except Exception as reason:  # Pillow's readers raise errors of many classes on a damaged file
         words = one_line(reason)
         raise error(f'{path}: cannot be read as a picture: {words}') from None

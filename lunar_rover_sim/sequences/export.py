@@ -19,6 +19,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import exposure_s, header_ns
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.series import picture
+from lunar_rover_sim.camera.encoding import EIGHT_BITS, has_16_bits
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.files.atomic import partial_folder
 from lunar_rover_sim.files.paths import counted
@@ -154,7 +155,17 @@ def _stream(bag: Bag, sequence: Sequence, progress: Callable[[], None] | None) -
             sequence.line(EXPOSURE_FILE, f'{stamp_ns + sequence.epoch_ns},{time_s!r}')
     return [*notes, *(note for group in dict.fromkeys(further.values())
                       for note in group.lacking()),
-            *sequence.notes(), *left_out(bag, sequence)]
+            *sequence.notes(), *_deep_images(bag, sequence), *left_out(bag, sequence)]
+
+
+def _deep_images(bag: Bag, sequence: Sequence) -> list[str]:
+    """Return a note on cameras whose images have 16 bits."""
+    names = [name for name in (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name)
+             if name in sequence.needs + sequence.uses]
+    names += [camera.topics[topics.HAZARD_IMAGE] for camera in sequence.further]
+    deep = [name for name in names if bag.count(name) and has_16_bits(bag.first(name).encoding)]
+    return [f'16 bits: {", ".join(deep)}; ORB-SLAM3 cannot read them, and Pillow turns mono16 into'
+            f' white RGB; for these record {", ".join(EIGHT_BITS)}'] if deep else []
 
 
 class _ImageSets:

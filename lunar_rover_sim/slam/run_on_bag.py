@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.camera.encoding import EIGHT_BITS, has_16_bits
+from lunar_rover_sim.errors import EvaluationError, SlamError
 from lunar_rover_sim.evaluation.trajectory import Trajectory
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.evaluation.trajectory_files import write_tum
@@ -105,6 +107,11 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         shutil.rmtree(sequence, ignore_errors=True)
     with open_bag(bag) as opened:
         truth = trajectory_of_topic(opened)
+        if estimator.system == 'orbslam3' and opened.count(topics.LEFT_IMAGE.name):
+            encoding = opened.first(topics.LEFT_IMAGE.name).encoding
+            if has_16_bits(encoding):
+                raise SlamError(f'{bag}: images of encoding {encoding} are not valid for '
+                                f'ORB-SLAM3; valid are {", ".join(EIGHT_BITS)}')
         kind = FORMATS[estimator.format]
         suite = recorded_sensors(opened, kind.needs)
         messages = sum(opened.counts[opened.resolve(name)] for name in kind.needs + kind.uses

@@ -228,6 +228,15 @@ def test_rviz_has_no_property_that_its_displays_lack() -> None:
             assert set(display['Shape']) <= {'Value', 'Axes Length', 'Axes Radius'}
 
 
+def test_sixteen_bits_are_not_white_in_rviz(displays: dict[str, dict[str, Any]]) -> None:
+    """Its bounds are those of mono16; images of 8 bits have none there."""
+    cameras = [name for name in displays if name.endswith('/image_raw')]
+    assert len(cameras) == 4
+    for name in cameras:
+        assert (displays[name]['Min Value'], displays[name]['Max Value']) == (0, 65535), name
+    assert displays[topics.POINTS.name]['Autocompute Intensity Bounds'] is True
+
+
 def test_colours_are_of_fields_that_clouds_have(displays: dict[str, dict[str, Any]]) -> None:
     fields = {'z', *POINT.names, *ground_points.POINT.names}
     assert {display['Channel Name'] for display in displays.values()

@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 import synthetic_bag as synthetic
 
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import header_ns
+from lunar_rover_sim.camera.encoding import ENCODINGS
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.image_layouts import open_images
 from lunar_rover_sim.evaluation.image_statistics import GreyPair, image_statistics, MEASURES
@@ -139,6 +142,23 @@ def test_a_bag_and_its_exports_agree(bag: Path, tmp_path: Path) -> None:
         np.save(file, np.full_like(np.load(file), 1e-42))    # its disparity would be infinite
     with pytest.raises(EvaluationError, match='holds a depth of .* m; valid is 0.001 m and more'):
         pairs(tmp_path / 'tartanair')
+
+
+@pytest.mark.parametrize('encoding', ENCODINGS)
+def test_a_bag_and_its_export_agree_in_each_encoding(encoding: str, tmp_path: Path) -> None:
+    """Colours become the same grey, and 16 bits of colour are linear in a file, too."""
+    items = synthetic.drive(0.2)
+    rng, shape = np.random.default_rng(8), (synthetic.HEIGHT, synthetic.WIDTH)
+    kind = np.uint16 if encoding.endswith('16') else np.uint8
+    pixels = rng.integers(0, np.iinfo(kind).max, (*shape, 3) if encoding == 'rgb8' else shape,
+                          dtype=kind, endpoint=True)
+    for item in items:
+        if item.topic in (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name):
+            item.message = synthetic.image(header_ns(item.message), 'camera', encoding, pixels)
+    bag = synthetic.write(tmp_path / 'run' / 'bag', items)
+    export(bag, tmp_path / 'euroc', 'euroc')
+    left, exported = (pairs(path)[2][0].left for path in (bag.parent, tmp_path / 'euroc'))
+    np.testing.assert_array_equal(left, exported)
 
 
 def test_what_is_no_set(tmp_path: Path) -> None:

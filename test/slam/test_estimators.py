@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 import synthetic_bag as synthetic
 
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import BagError, ConfigError, EvaluationError, ProcessError, SlamError
@@ -131,6 +133,20 @@ def test_hang(tmp_path, bag, fake) -> None:
 def test_nan(tmp_path, bag, fake) -> None:
     with pytest.raises(SlamError, match='f_run.txt.*not finite'):
         run_on_bag(bag, fake('nan'), tmp_path / 'out')
+
+
+def test_orb_slam3_is_given_no_images_of_16_bits(tmp_path, fake) -> None:
+    """It takes any image for one of 8 bits."""
+    items = synthetic.drive(0.3, only=synthetic.FOR_ESTIMATORS)
+    pixels = np.zeros((synthetic.HEIGHT, synthetic.WIDTH), np.uint16)
+    for item in items:
+        if item.topic in (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name):
+            item.message = synthetic.image(header_ns(item.message), 'camera', 'mono16', pixels)
+    deep = synthetic.write(tmp_path / 'deep', items)
+    with pytest.raises(SlamError, match='mono16 are not valid for ORB-SLAM3; valid are mono8'):
+        run_on_bag(deep, fake('fine'), tmp_path / 'out')
+    (note,) = [note for note in export(deep, tmp_path / 'seq') if 'ORB-SLAM3' in note]
+    assert note.startswith('16 bits: stereo/left/image_raw, stereo/right/image_raw; ')
 
 
 def test_other_program(tmp_path, bag) -> None:
