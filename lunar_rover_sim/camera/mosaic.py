@@ -35,7 +35,7 @@ def shown(pixels: NDArray[Any], encoding: str) -> NDArray[Any]:
 
 @compiled
 def filtered(first, last, red, green, blue, tint, own, source,  # type: ignore[no-untyped-def]
-             sensitivity, dark, result):
+             sensitivity, power, dark, result):
     """Fill in rows of the (h, w) electrons behind the filters of a mosaic.
 
     What a lens veils over the image is light of the sun: only the share `own` has the tint.
@@ -49,6 +49,7 @@ def filtered(first, last, red, green, blue, tint, own, source,  # type: ignore[n
         own: (H, W) float32 share of the light that comes from what is drawn.
         source: (h, w, 2) column and row in `tint` of each pixel; (0, 0, 2): they are the same.
         sensitivity: (2,) electrons of red and blue pixels over those of green ones.
+        power: (2,) of the ratios in `tint`, for responses that are not the default ones.
         dark: Dark signal of each pixel [e-].
     """
     w = green.shape[1]
@@ -67,6 +68,9 @@ def filtered(first, last, red, green, blue, tint, own, source,  # type: ignore[n
             code = tint[y, x, k]
             ratio = one
             if code > 0:
-                ratio = one + (np.float32(code) * scale - one) * own[y, x]
+                ratio = np.float32(code) * scale
+                if power[k] != one:
+                    ratio = ratio**power[k]
+                ratio = one + (ratio - one) * own[y, x]
             light = red[r, c] if k == 0 else blue[r, c]
             result[r, c] = light * ratio * sensitivity[k] + dark

@@ -53,11 +53,20 @@ class SensorModel:
         """Whether the pixels have colour filters; radiance is then that of the green band."""
         return has_colour(self.config.encoding)
 
+    @property
+    def _response(self) -> Bands:
+        return Bands((self.config.red_response, self.config.green_response,
+                      self.config.blue_response))
+
     @functools.cached_property
     def bands(self) -> Array:
         """(3,) photo-electrons per joule of sunlight of red, green and blue pixels [1/J]."""
-        c = self.config
-        return Bands((c.red_response, c.green_response, c.blue_response)).electrons_per_joule()
+        return self._response.electrons_per_joule()
+
+    @functools.cached_property
+    def powers(self) -> Array:
+        """(2,) powers of a `Tint` that give the colours which these pixels see."""
+        return self._response.powers()
 
     @property
     def balance(self) -> Array:
@@ -128,8 +137,8 @@ class Tint(NamedTuple):
     """The colour of what a camera sees.
 
     Attributes:
-        codes: (h, w, 2) uint16 red and blue over green, as `mosaic.TINT_ONE` stores them; 0 where
-            nothing is drawn.
+        codes: (h, w, 2) uint16 red and blue over green of the default responses, as
+            `mosaic.TINT_ONE` stores them; 0 where nothing is drawn.
         own: (h, w) float32 share of the light that comes from what is seen, and not from the veil.
     """
 
@@ -203,7 +212,8 @@ class ImageSensor:
             self._workers.rows(
                 filtered, len(electrons), red, green, blue, tint.codes, tint.own,
                 np.zeros((0, 0, 2), np.float32) if source is None else source,
-                (model.bands[[0, 2]] / model.bands[1]).astype(np.float32), dark, electrons)
+                (model.bands[[0, 2]] / model.bands[1]).astype(np.float32),
+                model.powers.astype(np.float32), dark, electrons)
         if c.blooming > 0.0:    # charge runs along columns before it is read
             electrons = bloom(electrons, model.well_e, c.blooming).astype(np.float32)
         # A different number for each seed, frame and side.

@@ -62,6 +62,28 @@ def test_colour_of_a_surface_is_in_the_pixels_and_the_veil_is_white():
     assert (red / green, blue / green) == pytest.approx((1.1, 0.85), rel=2e-3)
 
 
+@pytest.mark.parametrize(('middles_nm', 'width_nm'), [
+    ((650, 540, 450), 15.0), ((600, 540, 480), 80.0), ((450, 540, 650), 30.0)])
+def test_colours_are_those_that_the_response_sees(middles_nm, width_nm):
+    """Soil is drawn as the default bands see it; narrow, wide and swapped ones see others."""
+    responses = [tuple(0.5 * np.exp(-0.5 * ((np.array(colours.WAVELENGTHS_NM) - middle)
+                                            / width_nm)**2)) for middle in middles_nm]
+    raw = dataclasses.replace(RAW, **dict(zip(
+        ('red_response', 'green_response', 'blue_response'), responses)))
+    for kind in ('highland', 'mare'):
+        drawn = colours.ground_colour(kind)
+        red, green, blue = channels(mosaic(raw, red=drawn[0], blue=drawn[1]))
+        expected = colours.Bands(tuple(responses)).colour(colours.albedo(kind))
+        assert (red / green, blue / green) == pytest.approx(tuple(expected), rel=0.015)
+
+
+def test_equal_responses_see_no_colours():
+    even = (0.5,) * len(colours.WAVELENGTHS_NM)
+    raw = dataclasses.replace(RAW, red_response=even, green_response=even, blue_response=even)
+    red, green, blue = channels(mosaic(raw, red=1.3, blue=0.6))
+    assert (red / green, blue / green) == pytest.approx((1.0, 1.0), rel=1e-3)
+
+
 def test_electrons_are_those_of_the_response():
     """A monochromatic response: photons of that wavelength times quantum efficiency."""
     wavelengths = np.array(colours.WAVELENGTHS_NM)
