@@ -6,6 +6,11 @@ Graph. 30, 108). The lens here is a wide-angle one of six parts (Nakamura; Smith
 Design, p. 360), scaled to the focal length of the camera and stopped down to f/4. Of its pairs of
 surfaces these four gather their light so that it stands out of the veil; all others are counted
 with the veil.
+
+Ghosts are as white as the veil. Coatings colour them: by thin-film optics (Macleod, Thin-Film
+Optical Filters) red and blue over green of a pair are 1.1 and 1.4 with a quarter wave of MgF2 on
+an index of 1.52, 1.8 and 5.5 on 1.75, and 1.5 and 10 with three layers: quarter, half and quarter.
+So the colour follows from layers, which a reflectance of 0.5 % does not tell.
 """
 
 from __future__ import annotations
