@@ -228,12 +228,16 @@ def test_rviz_has_no_property_that_its_displays_lack() -> None:
             assert set(display['Shape']) <= {'Value', 'Axes Length', 'Axes Radius'}
 
 
-def test_sixteen_bits_are_not_white_in_rviz(displays: dict[str, dict[str, Any]]) -> None:
-    """Its bounds are those of mono16; images of 8 bits have none there."""
+def test_sixteen_bits_are_not_white(displays: dict[str, dict[str, Any]],
+                                    panels: dict[str, dict[str, Any]]) -> None:
+    """Bounds are those of mono16; images of 8 bits have none in either viewer."""
     cameras = [name for name in displays if name.endswith('/image_raw')]
     assert len(cameras) == 4
+    modes = {mode['imageTopic'][1:]: mode for panel in panels.values()
+             if (mode := panel.get('imageMode'))}
     for name in cameras:
         assert (displays[name]['Min Value'], displays[name]['Max Value']) == (0, 65535), name
+        assert (modes[name]['minValue'], modes[name]['maxValue']) == (0, 65535), name
     assert displays[topics.POINTS.name]['Autocompute Intensity Bounds'] is True
 
 
