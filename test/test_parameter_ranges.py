@@ -18,7 +18,7 @@ from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.world.config import CraterConfig, MeshConfig, ReliefConfig, RockConfig
 
 ROOMS = ('world', 'physics', 'regolith', 'gait', 'illumination', 'camera', 'stereo', 'lidar',
-         'rover', 'path_following', 'bag', 'rendering')
+         'rover', 'path_following', 'bag', 'rendering', 'sensors')
 
 
 def parameter_sets():

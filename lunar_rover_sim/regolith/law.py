@@ -37,8 +37,6 @@ with a part of that strength.
 The surface is the untouched ground plus what the prints there have changed when the tip touched
 down. A tip that moves on meets what lies ahead, in proportion to its way. Soil that bore a print
 before holds until its former depth is reached again.
-
-One compile unit: Numba keeps what it compiled until this file changes.
 """
 
 from __future__ import annotations
@@ -52,6 +50,7 @@ from numba.extending import intrinsic
 import numpy as np
 
 from lunar_rover_sim.compiled import compiled
+from lunar_rover_sim.regolith.overlay import CELL_M, TILE
 from lunar_rover_sim.regolith.soil import IMPEDANCE, PARKED_M
 
 # What a step left to be done: nothing, a print to be pressed in, a tip that left its print, and a
@@ -68,7 +67,6 @@ _LEAST_BEARING_ROOT = 0.1   # a slope of 42 deg and more leaves a hundredth of t
 _MOST_LEAN = 2.0         # of the rod [tan]
 _PRINT_DEPTH_M, _PRINT_WAY_M = 0.0005, 0.004    # a print is pressed in after so much motion
 _BISECTIONS = 42         # halve a bracket of 0.1 m to the last digits of a float
-_CELL_M, _TILE = 0.005, 20      # as `regolith/overlay.py` has them
 
 Record = Any    # of a structured array; compiled code reads its fields as attributes
 VECTOR = (np.float64, 3)
@@ -200,7 +198,7 @@ def dig_slope(load: float, depth: float, table: np.ndarray, deepest: float) -> f
 # --- The surface ------------------------------------------------------------------------------
 
 @compiled
-def _ground_height(x: float, y: float, heights: np.ndarray, cell_m: float) -> float:
+def ground_height(x: float, y: float, heights: np.ndarray, cell_m: float) -> float:
     """Return the height of the triangles of a HeightGrid at a position; NaN beyond it."""
     last = heights.shape[0] - 1
     gx, gy = x / cell_m + 0.5 * last, y / cell_m + 0.5 * last
@@ -229,7 +227,7 @@ def looseness_factors(x: float, y: float, loose: np.ndarray, cell_m: float,
     """
     if loose.shape[0] < 2:
         return 1.0, 1.0
-    looseness = _ground_height(x, y, loose, cell_m)
+    looseness = ground_height(x, y, loose, cell_m)
     if math.isnan(looseness):       # beyond the world
         return 1.0, 1.0
     return soil.bearing_ratio ** looseness, soil.friction_ratio ** looseness
@@ -239,20 +237,20 @@ def looseness_factors(x: float, y: float, loose: np.ndarray, cell_m: float,
 def _changed(x: float, y: float, which: int, index: np.ndarray, origin: np.ndarray,
              samples: np.ndarray) -> float:
     """Return height change (0) or compaction (1) of the overlay at a position, bilinear [m]."""
-    gx, gy = x / _CELL_M, y / _CELL_M
+    gx, gy = x / CELL_M, y / CELL_M
     ix, iy = math.floor(gx), math.floor(gy)
     u, v = gx - ix, gy - iy
     value = 0.0
     for j in range(2):
         for i in range(2):
-            tx, ty = (ix + i) // _TILE, (iy + j) // _TILE
+            tx, ty = (ix + i) // TILE, (iy + j) // TILE
             column, row = tx - origin[0], ty - origin[1]
             if 0 <= column < index.shape[1] and 0 <= row < index.shape[0]:
                 tile = index[row, column]
                 if tile >= 0:
                     weight = (u if i else 1.0 - u) * (v if j else 1.0 - v)
-                    value += weight * samples[tile, which, iy + j - ty * _TILE,
-                                              ix + i - tx * _TILE]
+                    value += weight * samples[tile, which, iy + j - ty * TILE,
+                                              ix + i - tx * TILE]
     return value
 
 
@@ -396,15 +394,15 @@ def _lie(tip: Record, x: float, y: float, soil: Record, heights: np.ndarray,
         Its height there [m] and the tangent of its slope.
     """
     reach = soil.radius_m
-    slope_x = tip.tilt[0] + (_ground_height(x + reach, y, heights, cell_m)
-                             - _ground_height(x - reach, y, heights, cell_m)) / (2.0 * reach)
-    slope_y = tip.tilt[1] + (_ground_height(x, y + reach, heights, cell_m)
-                             - _ground_height(x, y - reach, heights, cell_m)) / (2.0 * reach)
+    slope_x = tip.tilt[0] + (ground_height(x + reach, y, heights, cell_m)
+                             - ground_height(x - reach, y, heights, cell_m)) / (2.0 * reach)
+    slope_y = tip.tilt[1] + (ground_height(x, y + reach, heights, cell_m)
+                             - ground_height(x, y - reach, heights, cell_m)) / (2.0 * reach)
     slope2 = slope_x * slope_x + slope_y * slope_y
     nz = 1.0 / math.sqrt(1.0 + slope2)
     tip.normal[0], tip.normal[1], tip.normal[2] = -slope_x * nz, -slope_y * nz, nz
     tip.at[0], tip.at[1] = x, y
-    return _ground_height(x, y, heights, cell_m) + tip.change, math.sqrt(slope2)
+    return ground_height(x, y, heights, cell_m) + tip.change, math.sqrt(slope2)
 
 
 @compiled
@@ -416,7 +414,7 @@ def _follow(tip: Record, x: float, y: float, soil: Record, index: np.ndarray,
     if way == 0.0:
         return
     depth = min(max(tip.depth, 0.0), soil.radius_m)
-    inner = math.sqrt(depth * (2.0 * soil.radius_m - depth)) + 1.5 * _CELL_M
+    inner = math.sqrt(depth * (2.0 * soil.radius_m - depth)) + 1.5 * CELL_M
     ahead_x, ahead_y = x + dx / way * inner, y + dy / way * inner
     change = _changed(ahead_x, ahead_y, 0, index, origin, samples)
     former = _former_depth_m(change, _changed(ahead_x, ahead_y, 1, index, origin, samples),
@@ -454,7 +452,7 @@ def support(tip: Record, soil: Record, table: np.ndarray, deepest: float, height
     radius, step = soil.radius_m, soil.step_s
     tip.event = NOTHING
     if not tip.in_ground:
-        above = z - radius - (_ground_height(x, y, heights, cell_m)
+        above = z - radius - (ground_height(x, y, heights, cell_m)
                               + _changed(x, y, 0, index, origin, samples))
         if not above < _NEAR_M:     # NaN beyond the world
             return

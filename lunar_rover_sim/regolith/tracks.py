@@ -21,7 +21,8 @@ import numpy as np
 
 from lunar_rover_sim.compiled import compiled, read_only
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
+from lunar_rover_sim.regolith.law import ground_height
+from lunar_rover_sim.regolith.overlay import CELL_M, Overlay, TILE
 from lunar_rover_sim.world.grid import HeightGrid
 
 RIM_RADII = 1.2         # width of a fresh rim, before it slides
@@ -32,7 +33,6 @@ WIDEST = 40             # samples of such prints, along one side
 SPREAD = 4              # samples around them to which their walls mostly slide
 _SWEEPS, _MOST_SWEEPS = 32, 384     # until it is looked whether soil still slides; at most
 _GROW, _OVER_EDGE_M = 6, 2e-4    # samples by which a window grows where so much runs over its edge
-_CELL_M, _TILE = 0.005, 20      # as `regolith/overlay.py` has them
 
 Point = Sequence[float]     # x, y, z
 Window = tuple[int, int, int, int]
@@ -152,27 +152,10 @@ class WallSlides:
 
 
 @compiled
-def _height(ix: int, iy: int, grid: np.ndarray, cell_m: float) -> float:
-    """Return the height of the triangles of a HeightGrid on a sample; NaN beyond it."""
-    last = grid.shape[0] - 1
-    gx, gy = ix * _CELL_M / cell_m + 0.5 * last, iy * _CELL_M / cell_m + 0.5 * last
-    if not (0.0 <= gx <= last and 0.0 <= gy <= last):
-        return math.nan
-    cx, cy = min(int(gx), last - 1), min(int(gy), last - 1)
-    u, v = gx - cx, gy - cy
-    z00, z11 = float(grid[cy, cx]), float(grid[cy + 1, cx + 1])
-    if u >= v:
-        corner = float(grid[cy, cx + 1])
-        return z00 + u * (corner - z00) + v * (z11 - corner)
-    corner = float(grid[cy + 1, cx])
-    return z00 + v * (corner - z00) + u * (z11 - corner)
-
-
-@compiled
 def _heights(found: np.ndarray, ix: int, iy: int, grid: np.ndarray, cell_m: float) -> None:
     for j in range(found.shape[0]):
         for i in range(found.shape[1]):
-            found[j, i] = _height(ix + i, iy + j, grid, cell_m)
+            found[j, i] = ground_height((ix + i) * CELL_M, (iy + j) * CELL_M, grid, cell_m)
 
 
 @compiled
@@ -191,11 +174,11 @@ def _press(ix: int, iy: int, nx: int, ny: int, x: float, y: float, z: float, end
     taken_sum = weight_sum = 0.0
     for j in range(ny):
         for i in range(nx):
-            base = _height(ix + i, iy + j, grid, cell_m)
+            base = ground_height((ix + i) * CELL_M, (iy + j) * CELL_M, grid, cell_m)
             if math.isnan(base):    # beyond the ground there is nothing to press
                 continue
             # Offset from the nearest place on the way.
-            dx, dy = (ix + i) * _CELL_M - x, (iy + j) * _CELL_M - y
+            dx, dy = (ix + i) * CELL_M - x, (iy + j) * CELL_M - y
             along = 1.0
             if length > 0.0:
                 along = min(max((dx * way_x + dy * way_y) / (length * length), 0.0), 1.0)
@@ -203,9 +186,9 @@ def _press(ix: int, iy: int, nx: int, ny: int, x: float, y: float, z: float, end
             distance = math.hypot(dx, dy)
             clear = 1.0
             if distance < radius:
-                tx, ty = (ix + i) // _TILE, (iy + j) // _TILE
+                tx, ty = (ix + i) // TILE, (iy + j) // TILE
                 tile = index[ty - origin[1], tx - origin[0]]
-                surface = base + samples[tile, 0, iy + j - ty * _TILE, ix + i - tx * _TILE]
+                surface = base + samples[tile, 0, iy + j - ty * TILE, ix + i - tx * TILE]
                 into = surface - (z + along * way_z
                                   - math.sqrt(radius * radius - distance * distance))
                 if into > 0.0:
@@ -216,7 +199,7 @@ def _press(ix: int, iy: int, nx: int, ny: int, x: float, y: float, z: float, end
             rim = max(0.0, 1.0 - distance / ((1.0 + RIM_RADII) * radius)) * clear
             if length > 0.0 and distance > 0.0:
                 rim *= 1.0 + ((dx * way_x + dy * way_y) / (distance * length)
-                              * min(1.0, length / _CELL_M))
+                              * min(1.0, length / CELL_M))
             weight[j, i] = rim
             weight_sum += rim
     if taken_sum == 0.0:
@@ -231,9 +214,9 @@ def _press(ix: int, iy: int, nx: int, ny: int, x: float, y: float, z: float, end
         for i in range(nx):
             if taken[j, i] == 0.0 and weight[j, i] == 0.0:
                 continue
-            tx, ty = (ix + i) // _TILE, (iy + j) // _TILE
+            tx, ty = (ix + i) // TILE, (iy + j) // TILE
             tile = index[ty - origin[1], tx - origin[0]]
-            row, column = iy + j - ty * _TILE, ix + i - tx * _TILE
+            row, column = iy + j - ty * TILE, ix + i - tx * TILE
             change = samples[tile, 0, row, column] + (weight[j, i] * aside - taken[j, i])
             compaction = samples[tile, 1, row, column] + part * taken[j, i]
             samples[tile, 0, row, column] = change
@@ -264,7 +247,7 @@ def _slide(base: np.ndarray, change: np.ndarray, slid: np.ndarray, slope: float,
     for sweep in range(1, _MOST_SWEEPS + 1):
         steepest = 0.0      # excess over what holds, in tolerances
         for di, dj in ((1, 0), (0, 1), (1, 1), (-1, 1)):
-            way = _CELL_M * math.hypot(di, dj)
+            way = CELL_M * math.hypot(di, dj)
             held, tolerance = slope * way, more * way
             any_step = False
             for j in range(ny - dj):

@@ -102,7 +102,7 @@ def to_scene(world: World, stride: int = 0, rocks: bool = True, surroundings: bo
             vertices, faces = surface(level, step)
             # The inner level has its own mesh.
             hole = world.levels[index - 1].half_extent_m
-            faces = faces[(np.abs(vertices[faces][:, :, :2]) >= hole - 1e-6).any(axis=(1, 2))]
+            faces = faces[np.abs(vertices[faces][:, :, :2]).max(axis=(1, 2)) > hole + 1e-6]
             grey = np.full(len(vertices), 128, np.uint8)
             name = f'surroundings_{index}'
             scene.add_geometry(_mesh(vertices, faces, grey), node_name=name, geom_name=name)

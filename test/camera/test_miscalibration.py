@@ -69,7 +69,11 @@ def test_the_margin_holds_all_that_is_shown(distortion: tuple[float, ...]) -> No
     camera = CameraConfig(320, 240, distortion=distortion)
     pad = np.array(margin(camera, BOUNDS))
     for seed in range(40):
-        source = Miscalibration.drawn(BOUNDS, seed).source(camera)
+        wrong = Miscalibration.drawn(BOUNDS, seed)
+        source = wrong.source(camera)
+        # It turns and magnifies about the middle of the image.
+        still = dataclasses.replace(wrong, rotation_rad=(0.0, 0.0, 0.01)).source(CAMERA)
+        assert np.abs(still + still[::-1, ::-1] - [319.0, 239.0]).max() < 1e-3
         assert (source.min(axis=(0, 1)) >= -pad).all()
         assert (source.max(axis=(0, 1)) < [320, 240] + pad - 1).all()
 

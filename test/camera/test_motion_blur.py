@@ -1,11 +1,14 @@
 """The mean over an exposure, without a renderer: widths, long paths, links that stand still."""
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
-from lunar_rover_sim.camera.image_geometry import PinholeImage
+from lunar_rover_sim.camera.fisheye import FisheyeCamera
+from lunar_rover_sim.camera.hazard import HazardCameraConfig
+from lunar_rover_sim.camera.image_geometry import FisheyeImage, PinholeImage
 from lunar_rover_sim.camera.motion import CameraTwist
 from lunar_rover_sim.camera.motion_blur import MotionBlur, Movement, MovingBody
 
@@ -53,6 +56,16 @@ def test_nothing_moves_at_rest():
     assert blur(motion_blur=False).mean(image, DEPTH_M, moving((9.0, 0.0, 0.0)), 0.01) is image
 
 
+@pytest.mark.parametrize('side', [1.0, -1.0])
+def test_the_farthest_corner_decides_whether_motion_is_seen(side):
+    """Ahead over level ground 1 m below, the lower corners move fastest: by f x y v T."""
+    x, y = 79.5 / FOCAL, 59.5 / FOCAL
+    ahead = Movement([MovingBody(CameraTwist(np.array([0.0, 0.0, 1.0]), np.zeros(3)))],
+                     np.array([0.0, side, 0.0]), 1.0)
+    exposure_s = 0.2 / (FOCAL * np.hypot(x, y) * y)
+    assert [blur().is_seen(ahead, part * exposure_s) for part in (0.99, 1.01)] == [False, True]
+
+
 def test_what_moves_with_the_camera_stays_sharp():
     """The body of the rover, which is link 0, and the ground around it."""
     link = np.zeros((H, W), np.uint8)
@@ -76,26 +89,48 @@ def test_a_leg_smears_over_ground_that_stands():
     assert 1.5 < row[69] < 4.5 and 1.0 < row[67] < row[69]
 
 
-def test_the_mean_is_that_of_pictures_taken_along_the_way():
-    """A camera before a painted wall shifts and turns about all axes, far around its own."""
+@pytest.mark.parametrize('line_time_s, k', [(0.0, None), (5e-4, None), (0.0, (0.0,) * 4),
+                                            (5e-4, (-0.02, 0.004, -0.003, 0.0006))])
+def test_the_mean_is_that_of_pictures_taken_along_the_way(line_time_s, k):
+    """A camera before a painted wall shifts and turns about all axes, far around its own.
+
+    It is a pinhole, or a fisheye of these coefficients, with either shutter.
+    """
     v, w, exposure_s = np.array([0.3, 0.6, 0.4]), np.array([0.1, -0.2, 4.0]), 0.2
-    columns, rows = np.meshgrid(np.arange(W), np.arange(H))
-    rays = np.stack([columns, rows, np.ones((H, W))], axis=-1) @ np.linalg.inv(K).T
+    pixels = np.stack(np.meshgrid(np.arange(W), np.arange(H)), axis=-1).astype(float)
+    if k is None:
+        config = CameraConfig(width=W, height=H, distortion=(-0.3, 0.1, 0.02, -0.01, 0.05))
+        camera, depth_m = PinholeImage(K, W, H), DEPTH_M
+        rays = camera.rays(pixels.reshape(-1, 2)).reshape(H, W, 3)
+        places = cv2.projectPoints(rays.reshape(-1, 3), np.zeros(3), np.zeros(3), K,
+                                   np.array(config.distortion))[0].reshape(H, W, 2)
+    else:
+        config = HazardCameraConfig(width=W, height=H, horizontal_fov_deg=185.0,
+                                    fisheye_distortion=k)
+        camera, places = FisheyeImage(FisheyeCamera(config)), pixels
+        rays = camera.ray_table
+        depth_m = np.where(rays[..., 2] > 0.1, 3.0 / rays[..., 2], 0.0).astype(np.float32)
+    wave_m = 1.2 * FOCAL / camera.focal_px
 
     def picture(t):
-        at = rays @ Rotation.from_rotvec(w * t).as_matrix().T
+        at = Rotation.from_rotvec(w * np.reshape(t, (-1, 1))).apply(rays.reshape(-1, 3))
+        t = np.reshape(t, (-1, 1))
         place = v * t + 0.5 * t * t * np.cross(w, v)
-        x, y = (at[..., k] / at[..., 2] * (3.0 - place[2]) + place[k] for k in (0, 1))
-        return np.sin(2.0 * np.pi * x / 1.2) + np.cos(2.0 * np.pi * y)
+        x, y = (at[:, i] / at[:, 2] * (3.0 - place[:, 2]) + place[:, i] for i in (0, 1))
+        return (np.sin(2.0 * np.pi * x / wave_m) + np.cos(2.4 * np.pi * y / wave_m)).reshape(H, W)
 
-    image = picture(0.0).astype(np.float32)
-    mean = blur().mean(image, DEPTH_M, moving(v, w), exposure_s)
-    expected = np.mean([picture(t) for t in exposure_s * ((np.arange(400) + 0.5) / 400 - 0.5)],
+    image = np.nan_to_num(picture(0.0)).astype(np.float32)
+    mean = MotionBlur(config, SensorConfig(line_time_s=line_time_s), camera, on_body=True).mean(
+        image, depth_m, moving(v, w), exposure_s)
+    # A row of the sensor is as much later as the lens images it below the middle one.
+    row_s = line_time_s * (places[..., 1] - camera.K[1, 2])
+    expected = np.mean([picture(row_s + exposure_s * t) for t in (np.arange(30) - 14.5) / 30.0],
                        axis=0)
     # Beyond this circle the image does not show all that comes into view.
-    inside = np.hypot(columns - 79.5, rows - 59.5) < 45.0
+    inside = np.linalg.norm(pixels - camera.K[:2, 2], axis=-1) < 45.0
     assert np.abs(mean - expected)[inside].max() < 0.03
     assert np.abs(image - expected)[inside].max() > 0.5
+    assert not mean[np.isnan(rays[..., 0])].any(), 'beyond the limit of a fisheye'
 
 
 def test_ground_that_passes_behind_a_leg_does_not_mix_with_it():

@@ -30,9 +30,9 @@ def test_files_keep_what_is_written(tmp_path):
 
 def test_stamps_of_orb_slam3_are_ns(tmp_path):
     (tmp_path / 'f.txt').write_text('1403636579763555584.000000 1 2 3 0 0 0 1\n'
-                                    '1403636579813555456.000000 1 2 4 0 0 0 1\n')
+                                    f'{(1 << 63) - 1} 1 2 4 0 0 0 1\n')
     read = trajectory_files.read_tum(tmp_path / 'f.txt')
-    assert read.stamps_ns.tolist() == [1403636579763555584, 1403636579813555456]
+    assert read.stamps_ns.tolist() == [1403636579763555584, (1 << 63) - 1]
 
 
 BAD_FILES = {
@@ -43,9 +43,9 @@ BAD_FILES = {
     'other_digits.txt': ('0.1 0 0 \u0661 0 0 0 1\n', "line 1: '\u0661' is not a number"),
     'digits_of_time.txt': ('1_0 0 0 1 0 0 0 1\n', 'a stamp is not a finite number'),
     'inf_stamp.txt': ('inf 0 0 0 0 0 0 1\n', 'a stamp is not a finite number'),
-    'late_stamp.txt': (f'{10**30} 0 0 0 0 0 0 1\n', 'stamp .* ns is not valid; valid are 64 bits'),
+    'late_stamp.txt': (f'{1 << 63} 0 0 0 0 0 0 1\n', 'stamp .* ns is not valid; valid are 64'),
     'words.txt': ('0.1 0 0 0 0 0 0 1\n0.2 a 0 0 0 0 0 1\n', "line 2: 'a' is not a number"),
-    'short.txt': ('0.1 0 0 0 0 0 0 1\n0.2 0 0\n', 'line 2 has 3 columns'),
+    'short.txt': ('0.1 0 0 0 0 0 0 1\n0.2 0 0\n', 'line 2 has 3 columns; valid is 8$'),
     'columns.txt': ('1 2 3 4\n', 'line 1 has 4 columns'),
     'unsorted.txt': ('0.2 0 0 0 0 0 0 1\n0.1 0 0 0 0 0 0 1\n', 'line 2: stamp'),
     'zero.txt': ('0.1 0 0 0 0 0 0 0\n', 'quaternion of length 0'),

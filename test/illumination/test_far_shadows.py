@@ -42,6 +42,15 @@ def test_a_patch_of_the_right_length_and_area(cell_m, elevation_deg, azimuth_deg
     assert np.all(share[back < -2.0 * cell_m] == 0.0)
 
 
+def test_shadows_over_one_another_are_no_darker_than_one():
+    s, shape = sun(30.0, 6.0), scene.block(half=(0.6, 0.6, 0.4))
+    grid = HeightGrid(np.zeros((65, 65), np.float32), 0.4)
+    one, three = (rock_shadow.share(grid, rock_shadow.silhouettes(
+        scene.rocks([(0.3, 0.1, 0.4)] * count), (shape,), s), s, 0.0) for count in (1, 3))
+    assert one.max() == 255
+    np.testing.assert_allclose(three, np.minimum(3.0 * one, 255.0), atol=1.0)
+
+
 def test_area_of_many_real_shapes_agrees_with_that_of_their_outlines():
     """Rocks of 0.3 to 1 m on 1.6 m cells, against outlines drawn on a fine grid."""
     s, shapes = sun(40.0, 8.0), library()

@@ -10,6 +10,7 @@ import pytest
 from lunar_rover_sim.physics.soft_ground import soil_record
 from lunar_rover_sim.regolith import law
 from lunar_rover_sim.regolith.dragged_ball import DEEPEST, dig_table, swept_bearing
+from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.regolith.resistive_force import GENERIC, POPPY_CLOSE
 from lunar_rover_sim.regolith.soil import PRESETS
 
@@ -159,3 +160,105 @@ def test_a_tip_slips_with_the_speed_of_its_lowest_point_along_the_surface():
         lowest = velocity + np.cross(rate, -R * normal)
         along = lowest - normal * (normal @ lowest)
         assert law.slip_mps(tip, R) == pytest.approx(np.linalg.norm(along))
+
+
+def flat_ground(slope_x=0.0, slope_y=0.0):
+    """Return a plane of 1 m, as the law takes it."""
+    axis = np.linspace(-0.5, 0.5, 41)
+    return (slope_x * axis[None, :] + slope_y * axis[:, None]).astype(np.float32), 0.025
+
+
+def tip_at(x, y, z, **fields):
+    """Return the record of a tip with its centre there, its rod upright."""
+    tip = np.zeros(1, law.TIP)[0]
+    tip['centre'], tip['rod'], tip['pressed'] = (x, y, z), (0.0, 0.0, 0.08), np.nan
+    for name, value in fields.items():
+        tip[name] = value
+    return tip
+
+
+def let_yield(tip, soil, ground, overlay):
+    """Make one step of the law."""
+    law.support(tip, soil, dig_table(GENERIC), DEEPEST, *ground, np.zeros((1, 1), np.float32),
+                1.0, overlay.index, overlay.origin, overlay.samples)
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_forces_of_a_tip_are_those_of_the_law(seed):
+    """On a slope, at rest in its print, then with any velocity: every formula of the module."""
+    rng = np.random.default_rng(seed)
+    soil = record('highland')
+    slope = rng.uniform(-0.25, 0.25, 2)
+    normal = np.array([*-slope, 1.0]) / math.sqrt(1.0 + slope @ slope)
+    plastic, before, way = rng.uniform(0.002, 0.03), rng.uniform(0.0, 0.0006), 0.002
+    depth = plastic + before + rng.uniform(-2e-4, 2e-4)
+    x, y = at = rng.uniform(-0.2, 0.2, 2)
+    velocity = rng.normal(scale=0.1, size=3)
+    rate = rng.normal(size=3)
+    tip = tip_at(x, y, slope @ at + (R - depth) / normal[2], at=at, in_ground=True,
+                 plastic=plastic, elastic=before, sheared=way, velocity=velocity, rate=rate,
+                 normal=normal)
+    let_yield(tip, soil, flat_ground(*slope), Overlay())
+
+    slipped = STEP_S * max(0.0, law.slip_mps(tip, R) - 1e-4) if depth > plastic else 0.0
+    lean = law.lean_of(tip) if depth > 2.0 * R else 0.0
+    steep = math.hypot(*slope)
+    part = law.bearing_on_slope(steep, soil)
+    elastic = law.yielded(depth, plastic, before, slipped, part, lean, soil, dig_table(GENERIC),
+                          DEEPEST)
+    bears = part * law.bears_n(depth - elastic, lean, soil)
+    damping = soil['damping_nspm'] * law.onset(elastic)
+    force = np.clip(soil['elastic_npm'] * elastic + damping * (elastic - before) / STEP_S,
+                    0.0, bears)
+    down = -velocity @ normal
+    sprung = 1.0
+    if down > 0.0 and elastic > 0.0:
+        sprung = elastic / (elastic + down * STEP_S)
+        damping = np.clip((bears - soil['elastic_npm'] * elastic) / down, 0.0, damping)
+    friction = min(soil['friction'] + law.ploughs_n(depth, 1.0 - steep / soil['friction'], soil)
+                   / max(force, 1e-6), 10.0)
+    mobilised = max(1.0 - math.exp(-(way + slipped) / soil['shear_m']), 0.05)
+    np.testing.assert_allclose(tip['normal'], normal, atol=1e-6)
+    for name, value in (('depth', depth), ('elastic', elastic), ('plastic', depth - elastic),
+                        ('force', force), ('sprung', sprung), ('sheared', way + slipped),
+                        ('damped', damping / soil['damping_nspm']),
+                        ('friction', mobilised * friction)):
+        assert tip[name] == pytest.approx(value, rel=1e-3, abs=1e-7), name
+
+
+@pytest.mark.parametrize('former', [0.0, 0.004])
+def test_a_tip_meets_what_lies_ahead_in_proportion_to_its_way(former):
+    """In a print that leans; ahead of the ball, the ground is as it was, or an earlier print."""
+    soil, overlay, way = record(), Overlay(), np.array([3e-4, -4e-4])
+    overlay.put(-20, -20, np.full((41, 41), -2.0 * former),
+                np.full((41, 41), former * soil['compacted']))
+    lean, change, depth = np.array([0.2, -0.1]), -0.003, 0.005
+    tip = tip_at(*way, R - depth + change, change=change, tilt=lean, in_ground=True, depth=depth,
+                 plastic=depth, normal=(0.0, 0.0, 1.0))
+    let_yield(tip, soil, flat_ground(), overlay)
+    # Ahead is a cell and a half beyond the ball at the surface; all is met after twice as far.
+    part = 5e-4 / (2.0 * (math.sqrt(depth * (2.0 * R - depth)) + 0.0075))
+    along = change + lean @ way
+    assert tip['change'] == pytest.approx(along + part * (-former - along), abs=1e-9)
+    np.testing.assert_allclose(tip['tilt'], (1.0 - part) * lean)
+
+
+def test_a_tip_touches_down_on_the_changed_ground():
+    """On a bank it takes height and tilt of it; in an earlier print it finds the soil firm."""
+    soil, overlay = record(), Overlay()
+    i = np.arange(-10, 11) * 0.005
+    bank = 0.2 * i[None, :] - 0.1 * i[:, None] - 0.02
+    overlay.put(-10, -10, bank, np.where(bank < -0.02, 0.006 * soil['compacted'], 0.0))
+    for x, former, above in ((0.02, 0.0, 5e-4), (0.02, 0.0, -5e-4),
+                             (-0.02, 0.006, 5e-4), (-0.02, 0.006, -5e-4)):
+        tip = tip_at(x, 0.0, R + 0.2 * x - 0.02 + above)
+        let_yield(tip, soil, flat_ground(), overlay)
+        assert tip['change'] == pytest.approx(0.2 * x - 0.02 + former, abs=1e-8)
+        np.testing.assert_allclose(tip['tilt'], (0.2, -0.1), atol=1e-6)
+        normal = np.array([-0.2, 0.1, 1.0]) / math.sqrt(1.05)
+        np.testing.assert_allclose(tip['normal'], normal, atol=1e-6)
+        assert tip['in_ground'] == (above < 0.0)
+        if above < 0.0:
+            depth = R - (R + above - former) * normal[2]
+            assert tip['depth'] == pytest.approx(depth, abs=1e-8)
+            assert former * normal[2] < tip['plastic'] < depth

@@ -52,6 +52,20 @@ def test_the_horizon_cuts_the_disc(offset, share):
         assert np.degrees(np.arcsin(sun.direction[2])) > elevation + 0.02
 
 
+@pytest.mark.parametrize('place, azimuth_deg', [((0.0, 4.9), 90.0), ((0.0, -4.9), -90.0),
+                                                ((4.9, 0.0), 0.0), ((-4.9, 0.0), 180.0)])
+def test_the_horizon_begins_where_the_fine_ground_ends(place, azimuth_deg):
+    """A bank around it, 1 m away from its rim, hides the sun there."""
+    far = np.zeros((201, 201), np.float32)
+    far[94:107, 94:107] = 0.5
+    far[95:106, 95:106] = 0.0
+    world = make_world()
+    world = dataclasses.replace(world, levels=(world.ground, HeightGrid(far, 1.0)))
+    view = SunView(world, SunConfig(azimuth_deg=azimuth_deg, elevation_deg=10.0))
+    assert view.seen_from(np.array([*place, 0.0]), EVERYTHING_CLEAR) is None
+    assert view.seen_from(np.zeros(3), EVERYTHING_CLEAR).share == 1.0
+
+
 def test_other_directions_are_free():
     view = SunView(wall_world(50.0), SunConfig(azimuth_deg=180.0, elevation_deg=3.0))
     assert view.seen_from(np.zeros(3), EVERYTHING_CLEAR).share == 1.0

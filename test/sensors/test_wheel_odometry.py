@@ -111,8 +111,18 @@ def test_each_ground_has_its_own_way_to_roll():
     assert given == dataclasses.replace(RIGID, yaw_scale=0.6, lateral_stddev=0.0)
 
 
+@pytest.mark.parametrize('ground', ['rigid', 'highland', 'highland_loose'])
+@pytest.mark.parametrize('rover', ['quad', 'hexapod'])
+def test_the_packaged_rovers_roll_almost_as_their_feet_do(rover, ground):
+    """They slip by a tenth at most, and a metre tells the heading to a quarter of a radian."""
+    rolling = Rolling.of(WheelOdometryConfig(), ground, rover)
+    assert 0.9 < rolling.forward_scale < 1.1 and 0.4 < rolling.yaw_scale < 1.2
+    assert 0.0 < rolling.lateral_stddev < rolling.forward_stddev < 0.1 < rolling.yaw_stddev < 0.3
+
+
 @pytest.mark.parametrize('name, value, valid', [
     ('forward_scale', 0.05, '0.1 to 2'), ('yaw_scale', 0.0, '0.1 to 2'),
+    ('forward_stddev', -0.5, '0 to 10'), ('lateral_stddev', -0.5, '0 to 10'),
     ('yaw_stddev', -0.5, '0 to 10')])
 def test_impossible_ways_to_roll_are_refused(name, value, valid):
     with pytest.raises(ConfigError, match=f'{name}: {value:g} is not valid; valid is {valid}, or'):
@@ -122,7 +132,12 @@ def test_impossible_ways_to_roll_are_refused(name, value, valid):
 def test_speed_and_its_variance():
     odometry = WheelOdometry(ROVER, FINE, UNSCALED)
     odometry.add([0.0] * 4, 0.005)
-    assert not odometry.twist.any() and np.all(odometry.twist_variance > 0.0), 'counts round'
+    # Each of two readings of two legs is wrong by up to half a count; across half the track.
+    count_m = 2.0 * math.pi * ROVER.legs.spoke_length_m / (FINE * ROVER.motor.gear_ratio)
+    along = 4.0 * 0.25 * count_m**2 / 12.0 / 0.005**2
+    half_track_m = ROVER.legs.axle_positions_m()[0][1]
+    assert not odometry.twist.any()
+    assert odometry.twist_variance == pytest.approx([along, along, along / half_track_m**2])
     odometry.add([0.01] * 4, 0.005)
     way = 0.01 * ROVER.legs.spoke_length_m
     assert odometry.twist == pytest.approx([way / 0.005, 0.0], rel=1e-3)

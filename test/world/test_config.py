@@ -109,7 +109,8 @@ def test_lon_lat_of_the_window(tmp_path):
 
 
 def test_a_place_beyond_the_file(tmp_path):
-    with pytest.raises(WorldError, match='latitude -80 .* is not on .* valid is x -200000 to'):
+    with pytest.raises(WorldError, match=r'latitude -80 \(x 0, y 3[0-9.e+]*\) is not on .* '
+                       'valid is x -200000 to'):
         dem_site(config(tmp_path), (0.0, -80.0))
 
 

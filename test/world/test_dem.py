@@ -230,11 +230,13 @@ def test_refusals(tmp_path):
     refused(write_tiff(tmp_path / 'none.tif', np.full((30, 30), np.nan, np.float32)),
             'pixels in the window have no data; move world.dem.center$', dem={'nodata': 'fill'})
     turned = tmp_path / 'turned.tif'
-    with rasterio.open(turned, 'w', driver='GTiff', width=30, height=30, count=1, dtype='float32',
-                       crs=CRS.from_user_input(MOON),
-                       transform=rasterio.Affine(1.0, 0.5, 0.0, 0.5, -1.0, 0.0)) as file:
-        file.write(heights[:30, :30], 1)
-    refused(turned, 'rows do not run west to east')
+    for along, across in ((1.0, 0.5), (-1.0, 0.0)):
+        with rasterio.open(turned, 'w', driver='GTiff', width=30, height=30, count=1,
+                           dtype='float32', crs=CRS.from_user_input(MOON),
+                           transform=rasterio.Affine(along, across, 0.0, across, -1.0, 0.0),
+                           ) as file:
+            file.write(heights[:30, :30], 1)
+        refused(turned, 'rows do not run west to east')
     (tmp_path / 'text.tif').write_text('not a raster')
     refused(tmp_path / 'text.tif', 'not a raster that can be read')
     refused(tmp_path / 'absent.tif', 'no such file')

@@ -163,11 +163,15 @@ def test_slope_and_horizon_of_a_plane():
 
 @pytest.mark.parametrize('samples,kept', [(257, 257), (513, 513), (769, 385), (1025, 513)])
 def test_ground_is_thinned_out_to_513_samples_along_a_side(samples, kept):
-    grid = HeightGrid(np.zeros((samples, samples), np.float32), 0.1)
-    flat = dataclasses.replace(worlds.small(**worlds.BARE), levels=(grid,),
+    """Around it too, where nothing lies below the ground."""
+    grid, around = (HeightGrid(np.zeros((samples, samples), np.float32), cell_m)
+                    for cell_m in (0.1, 0.4))
+    flat = dataclasses.replace(worlds.small(**worlds.BARE), levels=(grid, around),
                                albedo=np.ones((samples, samples), np.float32))
-    scene = export.to_scene(flat, rocks=False)
-    assert len(scene.geometry['ground'].vertices) == kept**2
+    scene = export.to_scene(flat, rocks=False, surroundings=True)
+    mesh = scene.geometry['surroundings_1']
+    assert len(scene.geometry['ground'].vertices) == len(mesh.vertices) == kept**2
+    assert mesh.area == pytest.approx((16.0 - 1.0) * (2.0 * grid.half_extent_m)**2, rel=1e-3)
 
 
 def test_a_preview_that_cannot_be_written_is_named(tmp_path, monkeypatch):

@@ -261,6 +261,10 @@ def test_rises_bound_the_slopes_around():
         if dx or dy:
             up = height[(y + dy) % 512, (x + dx) % 512] - height[y, x] - 0.002
             assert up / (0.01 * np.hypot(dx, dy)) <= rise[y, x] * (1.0 + 1e-5) + 1e-5
+    # None of the eight directions counts more than another.
+    for turned in (lambda a: a.T, lambda a: a[::-1], lambda a: a[:, ::-1]):
+        np.testing.assert_array_equal(fine_relief.rises(turned(height), 0.01, 0.002),
+                                      turned(rise))
     one = np.zeros((512, 512), np.float32)
     one[100, 100] = 0.05
     rise = fine_relief.rises(one, 0.01)

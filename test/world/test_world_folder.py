@@ -172,6 +172,14 @@ def test_indices_are_checked(folder):
     damaged(folder, 'rocks.npz: shape: indices beyond')
 
 
+@pytest.mark.parametrize('names', [np.arange(3), np.array([['a', 'b']]), np.array(['a'] * 1025)])
+def test_names_of_shapes_are_a_list_of_texts(folder, names):
+    with np.load(folder / 'shapes.npz') as archive:
+        arrays = dict(archive)
+    np.savez(folder / 'shapes.npz', **{**arrays, 'names': names})
+    damaged(folder, 'shapes.npz: names: not up to 1024 names')
+
+
 @pytest.mark.parametrize('index', [-1, 10**6])
 def test_faces_name_corners_that_are_there(folder, index):
     with np.load(folder / 'shapes.npz') as archive:
