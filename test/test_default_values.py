@@ -22,7 +22,7 @@ from lunar_rover_sim.world.config import CraterConfig
 def test_defaults_that_are_known_from_nature():
     """The Moon's gravity, the solar constant (Kopp & Lean 2011), the sun's apparent diameter."""
     assert PhysicsConfig().gravity_mps2 == pytest.approx(1.625, abs=0.01)
-    assert SunConfig().irradiance == pytest.approx(1360.8, abs=5.0)
+    assert SunConfig().irradiance == pytest.approx(1360.8, abs=0.5)
     diameter = 2.0 * math.degrees(math.asin(6.957e8 / 1.496e11))
     assert SunConfig().angular_diameter_deg == pytest.approx(diameter, abs=0.005)
     # Angle of internal friction of lunar soil: 30 to 50 deg (Lunar Sourcebook, ch. 9).

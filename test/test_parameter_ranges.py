@@ -8,7 +8,8 @@ import re
 
 import pytest
 
-from lunar_rover_sim.camera.config import CameraConfig, CompressionConfig, SensorConfig
+from lunar_rover_sim.camera.config import (CameraConfig, CompressionConfig,
+                                           MiscalibrationConfig, SensorConfig)
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import LampConfig, SunConfig
@@ -38,6 +39,8 @@ SETS = parameter_sets()
 # Units of what cannot be negative; places and coordinates are named otherwise.
 MAGNITUDES = {'m', 's', 'Hz', 'Hz/s', '1/s', '1/m', 'N/m', 'N s/m', 'W', 'W/m^2', '1/J', 'e-',
               'e-/s', '%', 'of 255', 'px'}
+DIRECTIONS = ('azimuth', 'yaw_deg', 'lon_deg', 'rpy', 'north_deg', 'elevation_deg', 'lat_deg',
+              'pitch_deg', 'vertical_')
 PLACES = {'x_m', 'y_m', 'position_m', 'aim_m', 'center', 'height_scale',
           'min_disparity'}
 
@@ -126,6 +129,9 @@ def test_beyond_what_geometry_allows_nothing_is_valid(kind, name, least, most):
     (LampConfig, 'pitch_deg', (-90.0, 0.0, 90.0)), (PhysicsConfig, 'gravity_mps2', (0.0, 9.81)),
     (CraterConfig, 'slope', (1.5, 2.0, 3.0)), (RockConfig, 'burial', (0.1, 0.5, 0.8)),
     (SensorConfig, 'bits', (8, 10, 12, 14, 16)), (SensorConfig, 'f_number', (0.95, 22.0)),
+    (CompressionConfig, 'png_level', (0, 9)), (CompressionConfig, 'jpeg_quality', (1, 100)),
+    (MiscalibrationConfig, 'rotation_deg', (0.0, 2.0)),
+    (MiscalibrationConfig, 'focal_percent', (0.0, 5.0)),
     (CameraConfig, 'width', (160, 1920, 4096)), (SgmConfig, 'block_size', (1, 3, 21)),
     (ReliefConfig, 'hurst', (0.1, 0.5, 0.95)), (GaitConfig, 'cmd_timeout_s', (0.02, 3600.0))])
 def test_what_somebody_may_ask_for_is_valid(kind, name, values):
@@ -183,13 +189,18 @@ def test_parameter_sets_cannot_be_changed():
 
 @pytest.mark.parametrize('kind,name', [
     pytest.param(kind, name, id=f'{kind.__name__}.{name}') for kind, name, info in parameters()
-    if info.low is not None and info.unit != 'deg' and name not in PLACES
-    and ' adds ' not in info.doc])
+    if info.low is not None and name not in PLACES and ' adds ' not in info.doc
+    and not (info.unit == 'deg' and any(word in name for word in DIRECTIONS))])
 def test_what_is_no_direction_and_no_place_is_not_negative(kind, name):
     """But for -1, where it means something else."""
     info = kind.__dataclass_fields__[name].metadata['info']
     assert info.low >= 0.0 or (
         info.low == -1 and ('-1' in info.doc or getattr(kind(), name) == -1))
+
+
+@pytest.mark.parametrize('kind', [kind for kind in SETS if hasattr(kind, 'height')])
+def test_an_image_may_be_as_wide_as_high(kind):
+    assert ends(kind, 'width') == ends(kind, 'height')
 
 
 @pytest.mark.parametrize('kind', SETS, ids=lambda kind: kind.__name__)

@@ -32,7 +32,7 @@ class ShapingFunction:
     """
 
     def __init__(self, duty: float, foot_width_rad: float, stance_smoothing: float,
-                 flight_smoothing: float, pitch_rad: float = 2.0 * math.pi / 3.0) -> None:
+                 flight_smoothing: float, pitch_rad: float) -> None:
         if not 0.0 < duty < 1.0:
             raise ConfigError(f'duty_factor: {duty:g} is not valid; valid is > 0 and < 1')
         if not 0.0 < foot_width_rad < pitch_rad:

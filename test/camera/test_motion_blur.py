@@ -35,13 +35,15 @@ def lines():
     return image
 
 
+@pytest.mark.parametrize('upwards', [False, True])
 @pytest.mark.parametrize('path_px', [0.4, 0.8, 3.5, 6.0, 9.0])
-def test_a_line_becomes_as_wide_as_the_path_is_long(path_px):
-    """The camera moves sideways before a wall, so that all of it moves by f v T / Z."""
+def test_a_line_becomes_as_wide_as_the_path_is_long(path_px, upwards):
+    """The camera moves across lines on a wall, so that all of it moves by f v T / Z."""
     exposure_s = 0.01
-    speed = path_px / FOCAL * 3.0 / exposure_s
-    mean = blur().mean(lines(), DEPTH_M, moving((speed, 0.0, 0.0)), exposure_s)
-    window = mean[40, 80:101].astype(float)
+    velocity = np.roll([path_px / FOCAL * 3.0 / exposure_s, 0.0, 0.0], upwards)
+    image = np.ascontiguousarray(np.tile(lines()[0, :H, None], W)) if upwards else lines()
+    mean = blur().mean(image, DEPTH_M, moving(velocity), exposure_s)
+    window = (mean.T if upwards else mean)[40, 60:81].astype(float)
     offset = np.arange(-10, 11)
     assert window.sum() == pytest.approx(1.0, rel=1e-3)
     assert (window * offset).sum() == pytest.approx(0.0, abs=1e-3)

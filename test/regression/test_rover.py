@@ -40,7 +40,7 @@ def test_shaping_of_stance_and_flight(unchanged: Unchanged) -> None:
     arrays = {}
     for name, values in (('usual', (0.6, 1.05, 0.05, 1.0)), ('abrupt', (0.3, 0.5, 1.0, 0.0)),
                          ('smooth', (0.5, 1.0, 0.6, 0.7)), ('long', (0.9, 0.1, 0.3, 1.0))):
-        shaping = ShapingFunction(*values)
+        shaping = ShapingFunction(*values, 2.0 * np.pi / 3.0)
         arrays |= {f'{name}_angle': shaping.angle(phase), f'{name}_slope': shaping.slope(phase),
                    f'{name}_phase': shaping.phase(np.linspace(-3.0, 3.3, 11))}
     unchanged(DOUBLE, **arrays)
