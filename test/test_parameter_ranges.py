@@ -8,8 +8,8 @@ import re
 
 import pytest
 
-from lunar_rover_sim.camera.config import (CameraConfig, CompressionConfig,
-                                           MiscalibrationConfig, SensorConfig)
+from lunar_rover_sim.camera.config import (CameraConfig, CompressionConfig, MiscalibrationConfig,
+                                           SensorConfig)
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import LampConfig, SunConfig
