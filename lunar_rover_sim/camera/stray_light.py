@@ -48,7 +48,6 @@ class StrayLight:
         """Prepare what does not depend on the image.
 
         Args:
-            lens: The lens.
             image: Geometry of what is drawn, padding included.
             most_radiance: Of all but the sun itself, whose glare follows from `ImagedSun`
                 [W m-2 sr-1].

@@ -19,7 +19,7 @@ from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.trajectory import Trajectory
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.paths import check_regular
-from lunar_rover_sim.frames import matrix_from_wxyz, wxyz_from_matrix
+from lunar_rover_sim.frames import wxyz_from_matrix
 from lunar_rover_sim.seconds import from_seconds, in_seconds
 
 # Stamps above this are ns: as seconds they would lie 30,000 years ahead.
@@ -70,31 +70,11 @@ def read_kitti(path: Path | str, times: Path | str | None = None) -> Trajectory:
 
 def write_tum(path: Path | str, trajectory: Trajectory) -> None:
     """Write a TUM file, stamps exact to the ns; raise EvaluationError if that fails."""
-    lines = (f'{in_seconds(ns)} {_numbers(*p, q[1], q[2], q[3], q[0])}\n'
-             for ns, p, q in _poses(trajectory))
+    q = trajectory.orientations_wxyz
+    numbers = np.hstack([trajectory.positions_m, q[:, 1:], q[:, :1]]).tolist()
+    lines = (f'{in_seconds(ns)} {" ".join(map(repr, row))}\n'
+             for ns, row in zip(trajectory.stamps_ns.tolist(), numbers))
     atomic_write(path, ''.join(lines), EvaluationError)
-
-
-def write_euroc(path: Path | str, trajectory: Trajectory) -> None:
-    """Write an EuRoC `data.csv` of poses; raise EvaluationError if that fails."""
-    title = ('#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],'
-             'q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n')
-    lines = (f'{ns},{_numbers(*p, *q, separator=",")}\n' for ns, p, q in _poses(trajectory))
-    atomic_write(path, title + ''.join(lines), EvaluationError)
-
-
-def write_kitti(path: Path | str, trajectory: Trajectory, times: Path | str | None = None) -> None:
-    """Write a KITTI file and, if `times` is given, the stamps in seconds.
-
-    Raises:
-        EvaluationError: If a file cannot be written.
-    """
-    lines = (_numbers(*np.hstack([matrix_from_wxyz(q), p[:, None]]).ravel()) + '\n'
-             for _, p, q in _poses(trajectory))
-    atomic_write(path, ''.join(lines), EvaluationError)
-    if times is not None:
-        stamps = (f'{in_seconds(int(ns))}\n' for ns in trajectory.stamps_ns)
-        atomic_write(times, ''.join(stamps), EvaluationError)
 
 
 def read_trajectory(path: Path | str, times: Path | str | None = None) -> Trajectory:
@@ -111,17 +91,6 @@ def read_trajectory(path: Path | str, times: Path | str | None = None) -> Trajec
         raise EvaluationError(f'{path}: line {line} has {count} columns; valid are 8 (TUM), 12 '
                               '(KITTI), or a .csv file (EuRoC)')
     raise EvaluationError(f'{path}: holds no poses')
-
-
-def _poses(trajectory: Trajectory) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    for ns, p, q in zip(trajectory.stamps_ns, trajectory.positions_m,
-                        trajectory.orientations_wxyz, strict=True):
-        yield int(ns), p, q
-
-
-def _numbers(*values: float, separator: str = ' ') -> str:
-    """Return numbers that read back exactly."""
-    return separator.join(repr(float(value)) for value in values)
 
 
 def _rows(path: Path, least: int, most: int | None) -> Iterator[tuple[int, list[str]]]:

@@ -28,7 +28,6 @@ class PolicyController:
     left out.
 
     Attributes:
-        policy: The policy.
         driver: What makes its observations and follows its actions.
         observed: What the policy saw at its last decision; None before the first.
     """
@@ -39,7 +38,6 @@ class PolicyController:
 
         Args:
             policy: For this rover.
-            rover: The rover.
             calibration: Of its gait; by default that of the ground that the policy was trained on.
 
         Raises:

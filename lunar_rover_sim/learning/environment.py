@@ -27,7 +27,6 @@ class RoverEnv(gymnasium.Env[Any, np.ndarray]):
     ending, and how many episodes ended by which.
 
     Attributes:
-        task: The task.
         channels: Name, unit and scale of each number of an observation.
         actions: Those of an action.
         privileged_channels: Those of a privileged observation.

@@ -72,7 +72,6 @@ class PolicyCard:
         """Return the card of a policy that was trained on a task.
 
         Args:
-            task: The task.
             facts: Of the training: algorithm, decisions and seeds; licence, if it is another.
         """
         config = task.config

@@ -49,7 +49,6 @@ def validate_policy(policy: Policy, duration_s: float = DURATION_S,
     """Walk twice and compare.
 
     Args:
-        policy: The policy.
         duration_s: Of the walk.
         seed: Of ground and command.
 

@@ -38,7 +38,6 @@ class Scan:
     """A scan of n beams.
 
     Attributes:
-        pattern: Of the beams.
         returns: What they measure.
         R: (columns + 1, 3, 3) orientation of the sensor in the world at the start of the scan and
             at each column.

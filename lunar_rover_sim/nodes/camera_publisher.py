@@ -91,7 +91,6 @@ class CameraPublisher:
 
         Args:
             node: Publishes them.
-            entry: The camera.
             config: Parameters of the node.
             renderer: Draws it.
             on_reader: Called when the readers of a topic change.

@@ -134,9 +134,6 @@ class GroundPublisher:
 
     A reader that joins late takes the snapshot, and over it the changes with later stamps. Values
     are absolute, so it then has the ground exactly.
-
-    Attributes:
-        changes: The publisher of the changes.
     """
 
     def __init__(self, node: GraphNode, overlay: Overlay, ground: HeightGrid,

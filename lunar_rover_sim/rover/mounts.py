@@ -80,7 +80,6 @@ def moving_frames(rover: RoverDescription, T_world_base: Array, T_base_link: dic
     """Return (parent, child, (4, 4) T_parent_child) of all frames that move: the content of tf.
 
     Args:
-        rover: The rover.
         T_world_base: (4, 4) pose of base_link.
         T_base_link: Leg → (4, 4), as `visual.link_poses` returns them.
         pose: Parent and child of T_world_base; None leaves it out, and the footprint. A child

@@ -67,7 +67,6 @@ def link_poses(rover: RoverDescription,
     """Return T_base_link (4, 4) of base_link and the legs.
 
     Args:
-        rover: the rover.
         joint_angle_rad: (legs,) joint angles [rad]; None or empty: all 0.
     """
     poses = {BASE_FRAME: np.eye(4)}

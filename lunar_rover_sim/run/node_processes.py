@@ -46,7 +46,6 @@ class NodeProcesses:
         """Start one process per plan, with its log in `folder`/logs.
 
         Args:
-            plans: The nodes.
             folder: Of the run.
             domain: ROS_DOMAIN_ID.
             may_fail: Nodes without which the run goes on.

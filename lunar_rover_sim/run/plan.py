@@ -228,7 +228,6 @@ def with_policy(scenario: Scenario, policy: str) -> Scenario:
     """Return the scenario with policy_node in the place of gait_controller_node.
 
     Args:
-        scenario: The scenario.
         policy: A file, or the name of a packaged policy.
 
     Raises:

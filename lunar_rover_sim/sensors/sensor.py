@@ -191,7 +191,6 @@ class Sensor:
         A topic of which nothing can be measured is left out.
 
         Args:
-            state: Of the rover.
             stamp_ns: Time for which it holds [ns].
         """
         raise NotImplementedError

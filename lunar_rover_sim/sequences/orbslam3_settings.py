@@ -34,7 +34,6 @@ def settings(suite: SensorSuite, sensor: str, legacy: bool = False, features: in
     """Return the text of a settings file.
 
     Args:
-        suite: The sensors.
         sensor: `mono`, `stereo`, `stereo-inertial` or `rgbd`.
         legacy: The layout before File.version 1.0.
         features: Keypoints per image.

@@ -171,7 +171,6 @@ class Tracker:
 
         Args:
             command: As `command_words` takes it.
-            suite: The sensors.
             sensor: mono, stereo or stereo-inertial.
             ready_s: Longest wall time until it is ready [s].
             answer_s: Longest wall time until it answers a frame [s].
@@ -225,7 +224,6 @@ def command_words(command: str, suite: SensorSuite, sensor: str, folder: Path) -
     Args:
         command: {settings} is the settings file of ORB-SLAM3, written here, {wheel} the packaged
             program for a Python that has ORB-SLAM3 as a wheel.
-        suite: The sensors.
         sensor: mono, stereo or stereo-inertial.
         folder: Gets the settings file.
 

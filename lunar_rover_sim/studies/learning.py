@@ -79,7 +79,6 @@ class PolicyWalk:
     """What was measured of a walk after its start.
 
     Attributes:
-        case: The walk.
         outcome: walked, stuck, dug in, fallen, or the error of the simulation.
         speed_mps: Along the course.
         tracking_error: Of the speed, as a share of the commanded one.

@@ -56,7 +56,6 @@ class GoalDrive:
         driver: seen, known or blind.
         pose: As `navigation_poses.poses_of`.
         outcome: arrived, arrived elsewhere, tipped over, time over, or why it gave up.
-        time_s: Of the drive.
         way_m: Driven.
         shortest_m: Of the plan over the true map from the start; NaN where there is none.
         goal_error_m: True distance to the goal at the end.

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from evaluation.wandering import wander
+from evaluation.wandering import files_of_others, wander
 import numpy as np
 import pytest
 
@@ -16,8 +16,7 @@ from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 def test_files_keep_what_is_written(tmp_path):
     truth = wander(50, 9, period_ns=33_333_333)
     trajectory_files.write_tum(tmp_path / 'a.txt', truth)
-    trajectory_files.write_euroc(tmp_path / 'data.csv', truth)
-    trajectory_files.write_kitti(tmp_path / 'k.txt', truth, tmp_path / 'times.txt')
+    files_of_others(tmp_path / 'data.csv', tmp_path / 'k.txt', tmp_path / 'times.txt', truth)
     for path, times in (('a.txt', None), ('data.csv', None), ('k.txt', tmp_path / 'times.txt')):
         read = trajectory_files.read_trajectory(tmp_path / path, times)
         assert np.array_equal(read.stamps_ns, truth.stamps_ns)

@@ -1,9 +1,13 @@
 """Trajectories of a rover that wanders, true and estimated."""
 
+from pathlib import Path
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
+from lunar_rover_sim.frames import matrix_from_wxyz
+from lunar_rover_sim.seconds import in_seconds
 
 
 def wander(n: int, seed: int, period_ns: int = 50_000_000) -> Trajectory:
@@ -30,3 +34,13 @@ def noisy(truth: Trajectory, seed: int, scale: float = 1.0) -> Trajectory:
     moved = Trajectory(truth.stamps_ns, positions, wxyz(rotations), 'estimate').moved(
         Rotation.random(random_state=seed).as_matrix(), rng.standard_normal(3))
     return moved.select(keep)
+
+
+def files_of_others(euroc: Path, kitti: Path, times: Path, walk: Trajectory) -> None:
+    """Write a trajectory as EuRoC and KITTI have it, the latter with its stamps."""
+    poses = np.hstack([walk.positions_m, walk.orientations_wxyz])
+    euroc.write_text('#timestamp [ns], position, orientation wxyz\n' + ''.join(
+        f'{ns},{",".join(map(repr, pose))}\n' for ns, pose in zip(walk.stamps_ns, poses.tolist())))
+    np.savetxt(kitti, np.dstack([matrix_from_wxyz(walk.orientations_wxyz),
+                                 walk.positions_m[..., None]]).reshape(-1, 12), '%.17g')
+    times.write_text(''.join(f'{in_seconds(ns)}\n' for ns in walk.stamps_ns.tolist()))

@@ -5,6 +5,7 @@ from pathlib import Path
 import shutil
 
 import cv2
+from evaluation.wandering import files_of_others
 import numpy as np
 import rasterio
 import synthetic_bag
@@ -15,7 +16,7 @@ from lunar_rover_sim.campaign import layout
 from lunar_rover_sim.campaign.campaign_file import load_campaign
 from lunar_rover_sim.campaign.manifest import file_table, FORMAT, MANIFEST
 from lunar_rover_sim.evaluation.trajectory import Trajectory
-from lunar_rover_sim.evaluation.trajectory_files import write_euroc, write_kitti, write_tum
+from lunar_rover_sim.evaluation.trajectory_files import write_tum
 from lunar_rover_sim.files.images import write_png
 from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.run.scenario import Scenario
@@ -65,8 +66,7 @@ def trajectory(folder: Path) -> None:
     walk = Trajectory(1_000_000_000 + 50_000_000 * t, np.c_[0.01 * t, np.sin(0.1 * t), 0.0 * t],
                       np.c_[np.cos(0.02 * t), 0.0 * t, 0.0 * t, np.sin(0.02 * t)])
     write_tum(folder / 'walk.txt', walk)
-    write_euroc(folder / 'walk.csv', walk)
-    write_kitti(folder / 'walk.kitti', walk, folder / 'times.txt')
+    files_of_others(folder / 'walk.csv', folder / 'walk.kitti', folder / 'times.txt', walk)
 
 
 def pitch_curve(folder: Path) -> None:

@@ -30,9 +30,11 @@ def plane_depth(seen):
 def test_exact_depth_is_that_of_the_plane():
     seen = eyes(exact=True)
     np.testing.assert_allclose(seen.look(STANDING, RANGE_M), plane_depth(seen), rtol=1e-4)
-    far = STANDING.copy()
-    far[0, 3] = 4.8     # half a metre before the edge of the world
-    assert np.isnan(seen.look(far, RANGE_M)).all()
+    # Nothing is seen from within half a metre of the edge of the world, looking inwards.
+    ahead_m = seen.T_base_camera[0, 3]
+    for x, blind in ((-4.51, True), (-4.49, False)):
+        depth = seen.look(se3(np.eye(3), (x - ahead_m, 0.0, 0.1)), RANGE_M)
+        assert np.isnan(depth).all() == blind
 
 
 def test_errors_are_those_of_the_matcher():
