@@ -37,9 +37,13 @@ class Workers:
 
     def rows(self, function: Callable[..., Any], height: int, *args: Any) -> list[Any]:
         """Call function(first row, row after the last, *args) for all rows of an image."""
-        parts = max(min(self._count, height // _FEWEST_ROWS), 1)
-        bounds = [height * k // parts for k in range(parts + 1)]
-        return self.map(function, [(*ends, *args) for ends in zip(bounds, bounds[1:])])
+        return self.map(function, [(*ends, *args) for ends in self.shares(height)])
+
+    def shares(self, size: int) -> list[tuple[int, int]]:
+        """Return the first row or column of each thread, and the one after its last."""
+        parts = max(min(self._count, size // _FEWEST_ROWS), 1)
+        bounds = [size * k // parts for k in range(parts + 1)]
+        return list(zip(bounds, bounds[1:]))
 
     def release(self) -> None:
         """Let the threads end."""

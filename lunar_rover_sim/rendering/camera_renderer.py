@@ -176,12 +176,9 @@ class CameraRenderer(GlOwner):
 
         At most `FRAMES_UNDER_WAY` may be under way of a camera with one face, and one of others.
         """
-        scenes, first = list[Scene](), self._passes[0]
-        # The ground is chosen once for all faces; each takes what it sees of it.
-        around = (self._shared.ground.choose(first.surroundings(state))
-                  if len(self._passes) > 1 else None)
+        scenes = list[Scene]()
         for passes in self._passes:
-            scenes.append(passes.draw_geometry(request, state, around))
+            scenes.append(passes.begin(request, state))
             if not self._begun:     # what was chosen for a face holds until the next one
                 passes.light(scenes[-1])
         self._begun.append((state, scenes))

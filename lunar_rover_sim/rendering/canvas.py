@@ -8,11 +8,10 @@ import moderngl
 
 from lunar_rover_sim.rendering.frame_targets import FrameTargets, LitTargets
 from lunar_rover_sim.rendering.gl_owner import GlOwner
-from lunar_rover_sim.rendering.ground_pass import GroundRows
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.view import Window
 
-FRAMES_UNDER_WAY = 2    # one is lit while the geometry of the next one is drawn
+FRAMES_UNDER_WAY = 2    # one is lit while the next one is begun
 
 
 @dataclasses.dataclass
@@ -25,7 +24,6 @@ class Drawing:
         windows: Places of both images in their attachments.
         sides: Cameras that draw.
         lit_sides: Those of which light is computed.
-        rows: Of the ground, as `GroundPass.rows`, for each source of light.
     """
 
     projection: Projection
@@ -33,7 +31,6 @@ class Drawing:
     windows: list[Window]
     sides: tuple[int, ...]
     lit_sides: tuple[int, ...]
-    rows: list[GroundRows] = dataclasses.field(default_factory=list)
 
 
 class Canvas(GlOwner):

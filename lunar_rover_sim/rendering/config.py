@@ -16,15 +16,6 @@ from lunar_rover_sim.parameters import group, param, Parameters
 class DetailConfig(Parameters):
     """How much is drawn."""
 
-    full_resolution_m: float = param(
-        2.5, 'up to this distance the mesh has the resolution of the ground', unit='m', low=0.5,
-        high=100.0)
-    exact_m: float = param(
-        14.0, 'beyond full_resolution_m and up to this distance, every pixel is intersected with '
-        'the ground itself', unit='m', low=0.0, high=100.0)
-    cells_per_distance: float = param(
-        64.0, 'farther away, the cell of the mesh is the distance divided by this', low=5.0,
-        high=1000.0)
     relief_rms_slope: float = param(
         0.11, 'RMS slope of each of the two tiles of relief below the grid; facets of rocks and '
         'the soil on them are in proportion', low=0.0, high=0.6)

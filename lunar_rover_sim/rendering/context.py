@@ -91,14 +91,6 @@ def clear_window(target: moderngl.Framebuffer, window: tuple[int, int, int, int]
     target.clear(viewport=window)
 
 
-def clear_colour(target: moderngl.Framebuffer, window: tuple[int, int, int, int], *,
-                 depth: bool) -> None:
-    """As `clear_window`, but clear the depth buffer only if `depth`."""
-    target.depth_mask = depth
-    clear_window(target, window)
-    target.depth_mask = True
-
-
 def release_all(*items: Releasable) -> None:
     """Release GL objects."""
     for item in items:

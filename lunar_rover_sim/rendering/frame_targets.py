@@ -1,7 +1,7 @@
 """The framebuffers of a frame; the left image lies above the right one in all of them.
 
-The geometry of a frame is drawn while the frame before it is still being lit, so that there are
-two `FrameTargets`, which take turns, and one `LitTargets`.
+A frame is begun while the one before it is still being lit, so that there are two `FrameTargets`,
+which take turns, and one `LitTargets`.
 """
 
 from __future__ import annotations
@@ -44,12 +44,10 @@ class LitTargets:
 
 
 class FrameTargets:
-    """Where the geometry of one frame is drawn.
+    """Where rocks and the rover of one frame are drawn.
 
     Attributes:
-        mesh_depth: Depth of the meshes of the ground [m], both images.
-        ground: Framebuffers that it is drawn through, of the left and the right camera.
-        lit: The same, of rocks and the rover.
+        lit: Framebuffers of rocks and the rover, of the left and the right camera.
         added: Of its radiance alone.
         views: The two cameras.
     """
@@ -57,10 +55,8 @@ class FrameTargets:
     def __init__(self, context: moderngl.Context, lit: LitTargets) -> None:
         self._context, self._lit = context, lit
         self.size: tuple[int, int] = lit.radiance.size
-        self.mesh_depth = attachment(context, self.size)
         # Each camera has its own framebuffers: when they change, the driver begins to draw.
         self._buffers = [context.depth_renderbuffer(self.size) for _ in range(2)]
-        self.ground = [context.framebuffer([self.mesh_depth], b) for b in self._buffers]
         self.lit = [context.framebuffer(lit.attachments, b) for b in self._buffers]
         self.added = [context.framebuffer([lit.radiance], b) for b in self._buffers]
         self.views = [View(context) for _ in range(2)]
@@ -77,8 +73,7 @@ class FrameTargets:
         """Release the GL objects."""
         if self._truth is not None:
             self._truth.release()
-        release_all(*self.views, *self.added, *self.lit, *self.ground, *self._buffers,
-                    self.mesh_depth)
+        release_all(*self.views, *self.added, *self.lit, *self._buffers)
 
 
 class TruthTargets:

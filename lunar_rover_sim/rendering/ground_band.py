@@ -11,20 +11,17 @@ from numpy.typing import NDArray
 from lunar_rover_sim.rendering.crater_map import CraterLists
 from lunar_rover_sim.rendering.grid_rows import light_of_grid
 from lunar_rover_sim.rendering.ground_law import reflectance, relief_factor
-from lunar_rover_sim.rendering.ground_mesh import GroundShape
 from lunar_rover_sim.rendering.ground_place import place, spread
-from lunar_rover_sim.rendering.lamp_rows import add_lamp, lamp_on
-from lunar_rover_sim.rendering.lamp_shadow import LampLight
+from lunar_rover_sim.rendering.lamp_rows import add_lamp, lamp_on, LampLight
 from lunar_rover_sim.rendering.lighting import GroundConstants
-from lunar_rover_sim.rendering.relief_map import NO_RELIEF, ReliefShape
+from lunar_rover_sim.rendering.relief_map import ReliefShape
 from lunar_rover_sim.rendering.relief_rows import relief_of
 from lunar_rover_sim.rendering.rover_shadow import CastShadow
 from lunar_rover_sim.rendering.row_math import CHUNK, COLUMNS
-from lunar_rover_sim.rendering.shade_rows import radiance_of, rover_shadow, shade
+from lunar_rover_sim.rendering.shade_rows import may_shade, radiance_of, rover_shadow, shade
 from lunar_rover_sim.rendering.surface import SurfaceTexels
-from lunar_rover_sim.rendering.surface_rows import displace, refine
 from lunar_rover_sim.rendering.tint_rows import tint_of
-from lunar_rover_sim.rendering.track_map import NO_TRACKS, TrackArrays
+from lunar_rover_sim.rendering.track_map import TrackArrays
 from lunar_rover_sim.rendering.track_rows import add_prints, prints_of
 from lunar_rover_sim.rendering.truth_rows import light_of, shape_of
 from lunar_rover_sim.rendering.view import ViewNumbers
@@ -45,13 +42,14 @@ class GroundSource:
 
     Attributes:
         constants, texels: Of the source and of the ground under it.
-        tracks, shadow, lamp: None where there are none.
+        shadow: Of the rover.
+        tracks, lamp: None where there are none.
     """
 
     constants: GroundConstants
     texels: SurfaceTexels
     tracks: TrackArrays | None
-    shadow: CastShadow | None
+    shadow: CastShadow
     lamp: LampLight | None = None
 
 
@@ -60,7 +58,7 @@ class GroundImage:
     """An image of the ground alone, rows of which are filled in.
 
     Attributes:
-        depth_m: (h, w) of its meshes, then of itself; 0 where there is none [m].
+        depth_m: (h, w), 0 where there is none [m].
         radiance: (h, w), None where it is not lit [W m-2 sr-1].
         tint: (h, w, 2) as `LitTargets.tint`; None without colour.
         label, crater: (h, w) uint16; None where truth is not asked for, as all that follow.
@@ -88,7 +86,6 @@ class Band:
         self._of = {name: row[:n] for name, row in zip(_NUMBERS, memory)}
         self._bytes = np.zeros((3, n), np.uint8)
         self._words = np.zeros((2, n), np.uint16)
-        self._ones = np.ones(n, np.float32)
 
     @staticmethod
     def rows_of(width: int) -> int:
@@ -98,36 +95,33 @@ class Band:
     def _get(self, names: str) -> list[F32]:
         return [self._of[name] for name in names.split()]
 
-    def draw(self, image: GroundImage, row: int, view: ViewNumbers, shape: GroundShape,
-             refined: range, sources: list[GroundSource], lists: CraterLists | None) -> None:
+    def draw(self, image: GroundImage, row: int, view: ViewNumbers, relief: ReliefShape,
+             tracks: F32, sources: list[GroundSource], lists: CraterLists | None) -> None:
         """Fill in the rows of a band from its first one.
 
         Args:
-            refined: Rows in which meshes are coarser than the grid.
-            sources: Those that light these rows; the first one's tracks shape the ground.
+            tracks: (4,) least and greatest x and y of them [m].
+            sources: Those that light these rows.
             lists: Of craters, where they are asked for.
         """
-        tracks = sources[0].tracks
-        end = min(row + self.rows, len(image.depth_m))
-        of_tracks = (tracks is not None, *(tracks or NO_TRACKS).of_shape)
-        first, last = max(row, refined.start), min(end, refined.stop)
-        if first < last:
-            refine(image.depth_m, first, last, view.numbers, shape.heights, shape.lattice,
-                   shape.bounds, *of_tracks)
-        relief = shape.relief or NO_RELIEF
         centre = np.array([*view.middle, relief.reach_m], np.float32)
-        if shape.relief is not None:
-            displace(image.depth_m, row, end, view.numbers, shape.heights, shape.lattice,
-                     relief.shape, relief.numbers, centre, *of_tracks)
         wants_truth = image.label is not None
-        if image.radiance is None and not wants_truth:
-            return
         place(view.numbers, image.depth_m, row, self.rows, *self._get('depth x y z vx vy vz'))
+        if not self._meets(tracks):
+            sources = [dataclasses.replace(source, tracks=None) for source in sources]
         for number, source in enumerate(sources):
             if image.radiance is not None:
                 self._light(image, row, view, source, relief, centre, add=number > 0)
             if number == 0 and wants_truth:
                 self._tell(image, row, source, relief, centre, lists)
+
+    def _meets(self, box: F32) -> bool:
+        """Return whether any place of the band may lie in a box of x and y."""
+        if not box[0] <= box[1]:
+            return False
+        x, y = self._of['x'], self._of['y']
+        return bool(x.max() >= box[0] and x.min() <= box[1]
+                    and y.max() >= box[2] and y.min() <= box[3])
 
     def _light(self, image: GroundImage, row: int, view: ViewNumbers, source: GroundSource,
                relief: ReliefShape, centre: F32, *, add: bool) -> None:
@@ -147,17 +141,18 @@ class Band:
             self._look_up(tracks, any_level=True)
             add_prints(*get('depth print_x print_y print_horizon print_seen print_coarse'),
                        constants.sun, *get('slope_x slope_y beside'))
-        of_rover = self._ones
-        if source.shadow is not None:
-            of_rover = own['of_rover']
+        shadow = source.shadow.seen_from(view.camera)
+        if may_shade(*get('depth x y z'), constants.towards, shadow, source.shadow.bounds):
             rover_shadow(*get('depth x y z'), view.numbers, constants.towards,
-                         source.shadow.silhouette, source.shadow.seen_from(view.camera), of_rover)
+                         source.shadow.silhouette(), shadow, own['of_rover'])
+        else:
+            own['of_rover'][:] = 1.0
         relief_factor(*get('depth slope_x slope_y vx vy vz detail'),
                       np.array([*constants.sun[:6], texels.sun_tangent], np.float32),
                       texels.factor, own['factor'])
         shade(*get('depth x y vx vy vz slope_x slope_y lit albedo detail slope_ax slope_ay '
-                   'slope_bx slope_by horizon_a horizon_b factor'), of_rover,
-              *get('beside pressed loose'), constants.sun, centre, texels.scales,
+                   'slope_bx slope_by horizon_a horizon_b factor of_rover '
+                   'beside pressed loose'), constants.sun, centre, texels.scales,
               texels.least_scales, constants.trodden, tracks is not None,
               *get('cos_i cos_e cos_g theta more_c sunlit normal_x normal_y normal_z kept'))
         reflectance(*get('cos_i cos_e cos_g theta albedo more_c'), constants.law,
@@ -192,8 +187,6 @@ class Band:
         """Fill in what is true of a band; `_light` has been called where its light is told."""
         get, own, words = self._get, self._of, self._words
         if image.shadow is not None:
-            if source.shadow is None:
-                own['of_rover'][:] = 1.0
             light_of(*get('depth sunlit of_rover normal_x normal_y normal_z'),
                      source.constants.sun, bool(source.constants.irradiance > 0.0), *self._bytes)
             for k in range(3):

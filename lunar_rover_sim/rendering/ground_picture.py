@@ -1,6 +1,6 @@
-"""The ground in the images of a frame: its depth, light and truth, made by arrays from its meshes.
+"""The ground in the images of a frame: its light and truth.
 
-It is made once the meshes are drawn, before the ground changes or the frame is finished.
+It is made before the ground changes, or the frame is finished.
 """
 
 from __future__ import annotations
@@ -16,9 +16,8 @@ from lunar_rover_sim.camera.development import LitImage
 from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.rendering.canvas import Drawing
 from lunar_rover_sim.rendering.crater_map import CraterLists
-from lunar_rover_sim.rendering.frame_targets import read_image
 from lunar_rover_sim.rendering.ground_band import Band, GroundImage, GroundSource
-from lunar_rover_sim.rendering.ground_mesh import GroundShape
+from lunar_rover_sim.rendering.relief_map import ReliefShape
 from lunar_rover_sim.workers import Workers
 
 
@@ -28,28 +27,32 @@ class Part:
 
     Attributes:
         drawing, side: Which one.
+        depth_m: (h, w), 0 where there is no ground.
         lit, colour: Whether its light and its colour are wanted.
         truth: Layers that are wanted.
-        shape: Of the ground.
-        sources: Those that light it, or whose tracks shape it.
+        relief: Below the grid.
+        tracks: Least and greatest x and y of those in view [m].
+        sources: Those that light it.
         lists: Of craters, where they are wanted.
     """
 
     drawing: Drawing
     side: int
+    depth_m: NDArray[np.float32]
     lit: bool
     colour: bool
     truth: Collection[str]
-    shape: GroundShape
+    relief: ReliefShape
+    tracks: NDArray[np.float32]
     sources: list[GroundSource]
     lists: CraterLists | None
     image: GroundImage = dataclasses.field(init=False)
 
-    def read(self) -> None:
-        """Read the depth of the meshes, and allocate what is wanted."""
+    def allocate(self) -> None:
+        """Make room for what is wanted."""
         projection = self.drawing.projection
         size = projection.height, projection.width
-        image = GroundImage(read_image(self.drawing.targets.ground[self.side], 0, self.side, size))
+        image = GroundImage(self.depth_m)
         if self.lit:
             image.radiance = np.zeros(size, np.float32)
         if self.lit and self.colour:
@@ -63,22 +66,17 @@ class Part:
         self.image = image
 
     def first_rows(self) -> range:
-        """Return the first rows of all bands."""
-        rows = self.drawing.rows[0]
-        return range(rows.first // 2 * 2, rows.last, Band.rows_of(self.drawing.projection.width))
+        """Return the first rows of all bands that show ground."""
+        shows = np.flatnonzero(self.depth_m.any(axis=1))
+        if not len(shows) or not (self.lit or self.truth):
+            return range(0)
+        return range(int(shows[0]) // 2 * 2, int(shows[-1]) + 1,
+                     Band.rows_of(self.drawing.projection.width))
 
     def draw(self, band: Band, row: int) -> None:
         """Fill in a band."""
-        end = row + band.rows
-
-        def meets(span: tuple[int, int]) -> bool:
-            return span[0] < end and row < span[1]
-        sources = [dataclasses.replace(source,
-                                       tracks=source.tracks if meets(rows.tracks) else None,
-                                       shadow=source.shadow if meets(rows.shaded) else None)
-                   for source, rows in zip(self.sources, self.drawing.rows)]
-        band.draw(self.image, row, self.drawing.targets.views[self.side].numbers, self.shape,
-                  range(*self.drawing.rows[0].refined), sources, self.lists)
+        band.draw(self.image, row, self.drawing.targets.views[self.side].numbers,
+                  self.relief, self.tracks, self.sources, self.lists)
 
 
 class GroundPicture:
@@ -91,21 +89,15 @@ class GroundPicture:
     def __init__(self, workers: Workers, parts: dict[tuple[int, int], Part]) -> None:
         self._workers, self._parts = workers, parts
         self.images: dict[tuple[int, int], GroundImage] = {}
-        self._read = False
-
-    def read(self) -> None:
-        """Read the meshes."""
-        if not self._read:
-            self._read = True
-            for part in self._parts.values():
-                part.read()
 
     def make(self) -> None:
         """Make the images, unless they are made."""
         if not self.images:
-            self.read()
-            tasks = [(part, row) for part in self._parts.values() for row in part.first_rows()]
-            self._workers.map(self._draw, tasks)
+            parts = self._parts.values()
+            for part in parts:
+                part.allocate()
+            self._workers.map(self._draw, [(part, row) for part in parts
+                                           for row in part.first_rows()])
             self.images = {key: part.image for key, part in self._parts.items()}
 
     def _draw(self, part: Part, row: int) -> None:
@@ -122,6 +114,12 @@ def cover(image: LitImage, ground: GroundImage, workers: Workers) -> None:
     workers.rows(_cover, len(radiance), ground.depth_m, radiance, image.depth_m, image.radiance)
     if image.tint is not None and ground.tint is not None:
         np.copyto(image.tint, ground.tint, where=(image.depth_m > 0.0)[..., None])
+
+
+def cover_depth(depth_m: NDArray[np.float32], ground_m: NDArray[np.float32],
+                workers: Workers) -> None:
+    """Add the (h, w) depth of the ground to that of objects, as `cover` does."""
+    cover(LitImage(np.zeros_like(depth_m), depth_m), GroundImage(ground_m), workers)
 
 
 def tell(truth: dict[str, NDArray[Any]], depth_m: NDArray[np.float32],

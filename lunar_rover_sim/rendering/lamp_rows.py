@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim.compiled import compiled
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.row_math import shape_at, shape_share
 
 _ZERO, _HALF, _ONE = (np.float32(x) for x in (0.0, 0.5, 1.0))
@@ -15,6 +18,26 @@ _COSINE, _RISE, _STEEPEST, _FLAT = (np.float32(x) for x in (1e-3, 0.01, 1e-4, 0.
 _EDGE = np.float32(4e-4)                # height over which a shadow of relief sets in [m]
 _TEXEL = np.float32(0.003125)           # of the shape of the relief [m]
 _STEPS = 20
+
+
+class LampLight(NamedTuple):
+    """The lamp in one pose, for `lamp_on`.
+
+    Attributes:
+        T_world_lamp: (4, 4).
+        beam: Peak intensity [W/sr], exponent of the cosine, angle of a pixel of the map.
+        clip, shadow: As there.
+    """
+
+    T_world_lamp: Array
+    beam: tuple[float, float, float]
+    clip: NDArray[np.float32]
+    shadow: NDArray[np.float32]
+
+    def numbers(self, camera: Array) -> NDArray[np.float32]:
+        """Return (9,) `lamp` there; camera: its world position [m]."""
+        place = self.T_world_lamp[:3, 3] - [0.0, 0.0, camera[2]]
+        return np.array([*place, *self.T_world_lamp[:3, 2], *self.beam], np.float32)
 
 
 @compiled
@@ -54,7 +77,7 @@ def lamp_on(depth, x, y, z, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-unt
         clip: (4, 4) from axes of the world around the lamp to its map, transposed.
         shadow: (m, m) depth of ground and rocks along the axis of the lamp, 0 where there is none,
             negative for rocks [m].
-        shape, relief, centre: As for `surface_rows.displace`; (0, 0) where relief has none.
+        shape, relief, centre: As for `ground_rays.cast`; (0, 0) where relief has none.
         irradiance: (n,) normal, filled in [W/m2], as the cosines of incidence and phase.
     """
     m = len(shadow)

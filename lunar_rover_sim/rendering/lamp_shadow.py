@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 import math
-from typing import NamedTuple
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, R_BODY_OPTICAL, se3, wxyz_from_rpy
@@ -17,36 +15,19 @@ from lunar_rover_sim.illumination.lamp import beam_exponent, peak_intensity
 from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.context import clear_window, release_all, set_uniform
 from lunar_rover_sim.rendering.frame_targets import attachment, read_image
-from lunar_rover_sim.rendering.ground_pass import GroundPass
+from lunar_rover_sim.rendering.ground import Ground
+from lunar_rover_sim.rendering.ground_picture import cover_depth
+from lunar_rover_sim.rendering.lamp_rows import LampLight
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.rock_pass import RockPass
 from lunar_rover_sim.rendering.view import View
+from lunar_rover_sim.workers import Workers
 from lunar_rover_sim.world.model import World
 
 MAP = 2048              # pixels along a side of the shadow map
 _WIDEST_DEG = 55.0      # half angle of the map: what the cameras see lies within
 _ROCK_MIN_PX = 2.0      # of the map; rocks that look smaller cast no shadow
 _WINDOW = (0, 0, MAP, MAP)
-
-
-class LampLight(NamedTuple):
-    """The lamp in one pose, for `lamp_rows.lamp_on`.
-
-    Attributes:
-        T_world_lamp: (4, 4).
-        beam: Peak intensity [W/sr], exponent of the cosine, angle of a pixel of the map.
-        clip, shadow: As there.
-    """
-
-    T_world_lamp: Array
-    beam: tuple[float, float, float]
-    clip: NDArray[np.float32]
-    shadow: NDArray[np.float32]
-
-    def numbers(self, camera: Array) -> NDArray[np.float32]:
-        """Return (9,) `lamp` there; camera: its world position [m]."""
-        place = self.T_world_lamp[:3, 3] - [0.0, 0.0, camera[2]]
-        return np.array([*place, *self.T_world_lamp[:3, 2], *self.beam], np.float32)
 
 
 class LampShadow:
@@ -75,30 +56,30 @@ class LampShadow:
         # Rocks write their radiance first, which no one reads here.
         self._unused = attachment(context, (MAP, MAP))
         self._buffer = context.depth_renderbuffer((MAP, MAP))
-        self._ground_target = context.framebuffer([self._depth], self._buffer)
-        self._rock_target = context.framebuffer([self._unused, self._depth], self._buffer)
+        self._target = context.framebuffer([self._unused, self._depth], self._buffer)
+        self._map = np.zeros((MAP, MAP), np.float32)
 
-    def draw(self, T_world_base: Array, world: World, ground: GroundPass,
-             rocks: RockPass) -> None:
+    def draw(self, T_world_base: Array, world: World, ground: Ground, rocks: RockPass,
+             workers: Workers) -> None:
         """Draw the shadow map. The rocks are chosen anew afterwards, for the cameras."""
         T_world_lamp = T_world_base @ self._T_base_lamp
         volume = self._projection.view_volume([T_world_lamp], world)
-        self._view.place(T_world_lamp, self._projection, volume, window=_WINDOW, size=(MAP, MAP))
+        self._view.place(T_world_lamp, self._projection, volume.centre_m, (MAP, MAP))
         self._view.bind()
-        clear_window(self._ground_target, _WINDOW)
-        ground.draw_depth(ground.choose(volume))
-        self._rock_target.use()
-        self._rock_target.viewport = _WINDOW
+        clear_window(self._target, _WINDOW)
         rocks.choose(volume, self._projection.focal_px, _ROCK_MIN_PX)
         rocks.draw()
+        self._map = read_image(self._target, 1, 0, (MAP, MAP))
+        cover_depth(self._map, ground.depth(self._view.numbers, self._projection,
+                                            ground.tracks_in(volume), workers), workers)
+        self._depth.write(self._map)
 
     def read(self, T_world_base: Array) -> LampLight:
         """Return the lamp with its map, as it was drawn last."""
         T_world_lamp = T_world_base @ self._T_base_lamp
         return LampLight(T_world_lamp, (self._intensity, self._exponent,
                                         2.0 / self._projection.focal_px),
-                         self._projection.clip_matrix(T_world_lamp),
-                         read_image(self._rock_target, 1, 0, (MAP, MAP)))
+                         self._projection.clip_matrix(T_world_lamp), self._map)
 
     def bind(self, programs: Iterable[moderngl.Program], T_world_base: Array,
              T_world_camera: Array) -> None:
@@ -115,5 +96,5 @@ class LampShadow:
 
     def release(self) -> None:
         """Release the GL objects."""
-        release_all(self._rock_target, self._ground_target, self._buffer, self._unused,
+        release_all(self._target, self._buffer, self._unused,
                     self._depth, self._view)

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.compiled import read_only
 from lunar_rover_sim.rendering.projection import ViewVolume
 from lunar_rover_sim.rendering.relief_rows import shape_of_block
 from lunar_rover_sim.rendering.relief_tiles import FINER
@@ -33,7 +32,7 @@ class ReliefShape(NamedTuple):
     """The map, and how compiled loops read it.
 
     Attributes:
-        shape: As for `surface_rows.displace`.
+        shape: As for `ground_rays.cast`.
         numbers: `relief` there.
         reach_m: Distance up to which relief has shape.
     """
@@ -53,15 +52,14 @@ class ReliefMap:
         shape: For compiled loops.
     """
 
-    def __init__(self, surface: Surface, grid: HeightGrid, lattice: F32, reach_m: float) -> None:
+    def __init__(self, surface: Surface, grid: HeightGrid, reach_m: float) -> None:
         """Allocate the map.
 
         Args:
             surface: Has the tiles.
-            grid, lattice: The ground that the relief lies on; see `ground_mesh.lattice`.
+            grid: The ground that the relief lies on.
         """
-        self._surface, self._lattice = surface, lattice
-        self._heights = read_only(grid.heights_m, np.float32)
+        self._surface = surface
         tiles = surface.tiles
         side = _BLOCK * _BLOCKS
         # Texels of the fine tile are smaller than those of the map.
@@ -105,7 +103,7 @@ class ReliefMap:
         corner = (block * _BLOCK_M).astype(np.float32)
         x, y = block % _BLOCKS * _BLOCK
         shape_of_block(corner[0], corner[1], np.float32(_TEXEL_M), texels.tile, texels.zone,
-                       self._lattice, self._heights, *texels.coarse, *self._tiles,
+                       *texels.coarse, *self._tiles,
                        self.shape.shape[y:y + _BLOCK, x:x + _BLOCK])
 
 

@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import inlined, vectorised
-from lunar_rover_sim.rendering.row_math import (any_positive, byte, CHUNK, grid_cell, packed_shape,
-                                                PAGE)
+from lunar_rover_sim.rendering.row_math import any_positive, byte, CHUNK, packed_shape, PAGE
 
 _N, _PAGE = CHUNK, PAGE
 _X, _Y, _LEAD, _LEVEL, _U, _V, _PART, _WHOLE = (k * _PAGE for k in range(8))
@@ -258,15 +257,13 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
 
 
 @vectorised
-def shape_of_block(corner_x, corner_y, texel, tile, zone, lattice,  # type: ignore[no-untyped-def]
-                   heights, coarse, coarse_side, coarse_first, coarse_shape, fine_shape, result):
+def shape_of_block(corner_x, corner_y, texel, tile, zone,  # type: ignore[no-untyped-def]
+                   coarse, coarse_side, coarse_first, coarse_shape, fine_shape, result):
     """Fill in a block of the shape of the relief: heights, and how steeply they rise.
 
     Args:
         corner_x, corner_y: Of the block; `texel` is the side of one [m].
         tile, zone, coarse, coarse_side, coarse_first: As for `relief_of`.
-        lattice, heights: As for `surface_rows.refine`; the triangles of the grid are part of the
-            shape.
         coarse_shape, fine_shape: (n, n, 2) heights [m] and bounds of slopes of both tiles, with
             texels as long as those of the block.
         result: (m, m) a view of the map, of texels as `row_math.packed_shape` has them.
@@ -292,7 +289,7 @@ def shape_of_block(corner_x, corner_y, texel, tile, zone, lattice,  # type: igno
                 other = min(max(_HALF - _SOFT * lead, _ZERO), _ONE)
                 if s[_LEAD + j] >= _ONE:
                     other = _ZERO
-                height, steep = _bend(s[_X + j], y, heights, lattice), _ZERO
+                height, steep = _ZERO, _ZERO
                 for copy in range(2):
                     share = other if copy else _ONE - other
                     if share > _ZERO:
@@ -316,11 +313,3 @@ def _between(u, v, texels, k):  # type: ignore[no-untyped-def]
     low = texels[j, i, k] + u * (texels[j, east, k] - texels[j, i, k])
     high = texels[north, i, k] + u * (texels[north, east, k] - texels[north, i, k])
     return low + v * (high - low)
-
-
-@vectorised
-def _bend(x, y, heights, lattice):  # type: ignore[no-untyped-def]
-    """Return the height of the triangles over what interpolates all four corners of a cell."""
-    i, j, u, v = grid_cell(x, y, lattice)
-    twist = heights[j, i] + heights[j + 1, i + 1] - heights[j, i + 1] - heights[j + 1, i]
-    return twist * (v * (_ONE - u) if u >= v else u * (_ONE - v))

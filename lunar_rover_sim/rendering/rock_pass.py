@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.rendering.context import enable, load_program, release_all
-from lunar_rover_sim.rendering.projection import ViewVolume
+from lunar_rover_sim.rendering.projection import Projection, ViewVolume
 from lunar_rover_sim.rendering.rock_meshes import (facets, library_facets, OCTAHEDRON,
                                                    octahedron_axes)
 from lunar_rover_sim.rendering.surface import Surface
@@ -26,6 +30,20 @@ _TINY_PX = 5.0
 _LEVELS, _LEVELS_PX = (4, 3, 2), (160.0, 45.0)
 _KINDS = len(_LEVELS) + 1       # of a shape
 _RADIUS = 0.75          # of a ball around a rock of diameter 1
+_WORN = 1.1             # reach of what is drawn, over that of the hull, at most
+
+
+class GroundSeen(NamedTuple):
+    """The ground in an image.
+
+    Attributes:
+        T_world_camera: (4, 4).
+        depth_m: (h, w), 0 where there is none.
+    """
+
+    T_world_camera: Array
+    projection: Projection
+    depth_m: F32
 
 
 class RockPass:
@@ -58,6 +76,9 @@ class RockPass:
             axis=1).astype(np.float32)
         self._position = np.ascontiguousarray(rocks.position_m.T, np.float32)
         self._diameter = rocks.diameter_m.astype(np.float32)
+        # Half of boxes around the rocks, in axes of the world; meshes are worn hulls.
+        reach = np.stack([np.abs(shape.vertices).max(axis=0) for shape in shapes])
+        self._half = _WORN * np.einsum('nij,nj->ni', np.abs(columns), reach[rocks.shape])
         self.boxes: Array = np.zeros((0, 2, 3))
         self._axes = np.stack([octahedron_axes(shape) for shape in shapes]).astype(np.float32)
         # A kind is a shape with its detail; the last kind are octahedra, which stand for all.
@@ -76,9 +97,17 @@ class RockPass:
         """Take the light under another sun, (m, 5) as `Sunlight.rock_light`."""
         self._data[:, 12:17] = light
 
-    def choose(self, volume: ViewVolume, focal_px: float, least_px: float) -> None:
-        """Choose what `draw` draws: rocks that are in view and look larger than `least_px`."""
+    def choose(self, volume: ViewVolume, focal_px: float, least_px: float,
+               grounds: Sequence[GroundSeen] = ()) -> None:
+        """Choose what `draw` draws: rocks that are in view and look larger than `least_px`.
+
+        Args:
+            grounds: Images in which the ground may hide rocks; none are without any.
+        """
         visible, distance = self._visible(volume, focal_px, least_px)
+        if grounds and len(visible):
+            shows = np.any([self._over(visible, *ground) for ground in grounds], axis=0)
+            visible, distance = visible[shows], distance[shows]
         reach, centre = _RADIUS * self._diameter[visible, None], self.rocks.position_m[visible]
         self.boxes = np.stack([centre - reach, centre + reach], axis=1)
         size = self._diameter[visible] * np.float32(focal_px)
@@ -96,6 +125,14 @@ class RockPass:
                 axes = self._axes[shape[order[start:start + count]]]
                 part[:, 3:12] *= np.repeat(axes, 3, axis=1)
             self._write(kind, part)
+
+    def _over(self, visible: NDArray[np.int64], T_world_camera: Array, projection: Projection,
+              ground_m: F32) -> NDArray[np.bool_]:
+        """Return which rocks show over the ground in an image, or may."""
+        K, camera = projection.K, T_world_camera
+        middle = (self.rocks.position_m[visible] - camera[:3, 3]) @ camera[:3, :3]
+        half = self._half[visible] @ np.abs(camera[:3, :3])
+        return np.asarray(_shows(middle, half, K, ground_m))
 
     def _write(self, kind: int, data: F32) -> None:
         """Write the instances of one kind."""
@@ -153,3 +190,38 @@ class RockPass:
         """Release the GL objects."""
         release_all(*self._arrays.values(), *self._instances.values(), *self._vertices,
                     *self.programs)
+
+
+@compiled
+def _shows(middle, half, K, ground):  # type: ignore[no-untyped-def]
+    """Return which boxes have a pixel at which the ground, if any, does not lie before them.
+
+    Args:
+        middle, half: (n, 3) middles and halves of boxes in axes of the camera [m].
+        K: (3, 3) intrinsics [px].
+        ground: (h, w) depth, 0 where there is none [m].
+    """
+    h, w = ground.shape
+    size = (w, h)
+    result = np.zeros(len(middle), np.bool_)
+    first, end = np.zeros(2, np.int64), np.zeros(2, np.int64)
+    for k in range(len(middle)):
+        nearest, farthest = middle[k, 2] - half[k, 2], middle[k, 2] + half[k, 2]
+        if nearest <= 0.0:
+            result[k] = farthest > 0.0
+            continue
+        for n in range(2):
+            low, high = middle[k, n] - half[k, n], middle[k, n] + half[k, n]
+            low = K[n, n] * low / (nearest if low < 0.0 else farthest) + K[n, 2]
+            high = K[n, n] * high / (nearest if high > 0.0 else farthest) + K[n, 2]
+            first[n] = int(min(max(np.ceil(low), 0.0), size[n]))
+            end[n] = int(min(max(np.floor(high), -1.0), size[n] - 1.0)) + 1
+        for row in range(first[1], end[1]):
+            for column in range(first[0], end[0]):
+                depth = ground[row, column]
+                if depth == 0.0 or depth > nearest:
+                    result[k] = True
+                    break
+            if result[k]:
+                break
+    return result

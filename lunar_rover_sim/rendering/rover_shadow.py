@@ -7,6 +7,7 @@ sharp at the feet and wide far away.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import functools
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering import texture_units
+from lunar_rover_sim.rendering.canvas import FRAMES_UNDER_WAY
 from lunar_rover_sim.rendering.context import Uniforms
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.visual import link_poses, visual_parts, VisualPart
@@ -44,15 +46,18 @@ class CastShadow(NamedTuple):
 
     Attributes:
         uniforms: Of shaders that look it up.
-        silhouette: (MAP, MAP, 2) as `RoverShadow.silhouette`; None if it is out of view.
+        silhouette: Returns (MAP, MAP, 2) as `RoverShadow.silhouette` does.
         axes: Two of that map, over its half extent.
         centre: World position of the rover [m].
+        bounds: (6,) of the rover in these axes, least and greatest; how far ahead it reaches [m];
+            how much wider the shadow is behind it, over the distance.
     """
 
     uniforms: Uniforms
-    silhouette: F32 | None
+    silhouette: Callable[[], F32]
     axes: Array
     centre: Array
+    bounds: F32
 
     def seen_from(self, camera: Array) -> F32:
         """Return (9,) axes of the map, and x and y of the rover and its height over a camera."""
@@ -79,32 +84,41 @@ class RoverShadow:
         self.radius_m = reach
         self._half_m = reach + _MARGIN_M    # half extent of the silhouette map
         self._map: moderngl.Texture | None = None
-        self._silhouette: F32 | None = None
-        self._drawn: bytes | None = None    # what the map was drawn for
+        self._uploaded: tuple[bytes, bytes] | None = None   # what it was drawn for
+        self._latest = functools.lru_cache(maxsize=FRAMES_UNDER_WAY)(self._silhouette_of)
 
-    def cast(self, T_world_links: Array, sun_axes: Array, *, seen: bool) -> CastShadow:
-        """Draw the map of the shadow for `bind`; return it.
+    def cast(self, T_world_links: Array, sun_axes: Array, boxes: Array) -> CastShadow:
+        """Return the shadow; draw its map for `bind` if it may fall on rocks.
 
         Args:
             T_world_links: (links, 4, 4).
             sun_axes: (3, 3) as `rock_shadow.sun_axes`.
-            seen: Whether the shadow may be in view; if not, nothing is drawn.
+            boxes: (m, 2, 3) of the rocks in view, as for `may_shade`.
         """
         right, up, _ = sun_axes
-        centre = T_world_links[0, :3, 3]
-        if seen:
-            # Further cameras, and all faces of a fisheye, show the rover in the same pose.
-            wanted = T_world_links.tobytes() + sun_axes.tobytes()
-            if wanted != self._drawn:
-                self._silhouette = self.silhouette(T_world_links, sun_axes)
-                self._upload(self._silhouette)
-                self._drawn = wanted
-        else:
-            centre = centre + _NOWHERE_M * up
+        centre = on_rocks = T_world_links[0, :3, 3]
+        # Further cameras, and all faces of a fisheye, show the rover in the same pose.
+        wanted = T_world_links.tobytes(), sun_axes.tobytes()
+        if not self.may_shade(boxes, T_world_links, sun_axes).any():
+            on_rocks = centre + _NOWHERE_M * up
+        elif wanted != self._uploaded:
+            self._upload(self._latest(*wanted))
+            self._uploaded = wanted
         axes = np.stack([right, up]) / self._half_m
         uniforms = {'u_rover_map': texture_units.ROVER_SHADOW, 'u_rover_right': tuple(axes[0]),
-                    'u_rover_up': tuple(axes[1]), 'u_rover_centre': tuple(centre)}
-        return CastShadow(uniforms, self._silhouette if seen else None, axes, centre)
+                    'u_rover_up': tuple(axes[1]), 'u_rover_centre': tuple(on_rocks)}
+        return CastShadow(uniforms, functools.partial(self._latest, *wanted), axes, centre,
+                          self._bounds(T_world_links, sun_axes))
+
+    def _bounds(self, T_world_links: Array, sun_axes: Array) -> F32:
+        corners = self._seen_corners(T_world_links, sun_axes)
+        (left, low, _), (right, high, ahead) = corners.min(axis=0), corners.max(axis=0)
+        across = np.array([left - _MARGIN_M, right + _MARGIN_M, low - _MARGIN_M, high + _MARGIN_M])
+        return np.array([*across / self._half_m, ahead, _BLUR / self._half_m], np.float32)
+
+    def _silhouette_of(self, links: bytes, axes: bytes) -> F32:
+        return self.silhouette(np.frombuffer(links).reshape(-1, 4, 4),
+                               np.frombuffer(axes).reshape(3, 3))
 
     def bind(self) -> None:
         """Bind the map."""

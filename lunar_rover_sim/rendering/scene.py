@@ -1,4 +1,4 @@
-"""A frame under way: what is asked of it, and what its lighting needs once its geometry is drawn.
+"""A frame under way: what is asked of it, and what its lighting needs.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rendering.canvas import Drawing
 from lunar_rover_sim.rendering.context import Uniforms
 from lunar_rover_sim.rendering.frame import FLOWS, LAYERS, RIGHT_TRUTH
+from lunar_rover_sim.rendering.ground import SeenTracks
 from lunar_rover_sim.rendering.ground_picture import GroundPicture
 from lunar_rover_sim.rendering.rover_shadow import CastShadow
 from lunar_rover_sim.rover.description import RoverDescription
@@ -118,10 +119,12 @@ class SeenSun(ImagedSun):
 
     Attributes:
         T_world_views: (4, 4) narrow views of the disc from both cameras; None if nothing hides it.
-        sky: (2, n, n) where these views see the sky; None before they are read.
+        over_ground: (2, n, n) where these views pass over the ground.
+        sky: (2, n, n) where they see the sky; None before they are read.
     """
 
     T_world_views: list[Array] | None = None
+    over_ground: NDArray[np.bool_] | bool = True
     sky: NDArray[np.bool_] | None = None
 
 
@@ -140,7 +143,7 @@ class SceneLight:
 
 @dataclasses.dataclass
 class Scene:
-    """A frame whose geometry is drawn.
+    """A frame that is begun.
 
     Attributes:
         pixels: Images of depth and truth.
@@ -152,7 +155,9 @@ class Scene:
         sun: What the cameras see of the sun, None if it cannot reach their lenses.
         above_m: Height of the middle of the cameras above the ground.
         shows_rover: Whether the rover is in view.
-        ground: What arrays make of the ground, by the drawing and the side of its images.
+        tracks: Where they may be in view.
+        depth_m: Of the ground alone, by the number of the drawing and the side of its images.
+        ground: Its light and truth, by the same.
     """
 
     request: Request
@@ -165,6 +170,8 @@ class Scene:
     sun: SeenSun | None = None
     above_m: float = 0.0
     shows_rover: bool = False
+    tracks: SeenTracks = SeenTracks()
+    depth_m: dict[tuple[int, int], NDArray[np.float32]] = dataclasses.field(default_factory=dict)
     ground: GroundPicture | None = None
 
     @property

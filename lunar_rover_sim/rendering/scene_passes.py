@@ -1,5 +1,4 @@
-"""The passes of a frame in their order: geometry, light, rocks, rover, truth; then what is read.
-"""
+"""The passes of a frame in their order: rocks, rover, truth; what is read; then the ground."""
 
 from __future__ import annotations
 
@@ -20,15 +19,15 @@ from lunar_rover_sim.camera.outlines import smooth_outlines
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.canvas import Canvas, Drawing
 from lunar_rover_sim.rendering.config import RenderConfig
-from lunar_rover_sim.rendering.context import clear_colour, clear_window
+from lunar_rover_sim.rendering.context import clear_window
 from lunar_rover_sim.rendering.earth_image import EarthImage
 from lunar_rover_sim.rendering.frame import FLOWS
 from lunar_rover_sim.rendering.frame_targets import LinkTargets, read_image
 from lunar_rover_sim.rendering.gl_owner import GlOwner
-from lunar_rover_sim.rendering.ground_pass import Chosen
-from lunar_rover_sim.rendering.ground_picture import cover, GroundPicture, Part, tell
+from lunar_rover_sim.rendering.ground_picture import cover, cover_depth, GroundPicture, Part, tell
 from lunar_rover_sim.rendering.labels import link_label
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
+from lunar_rover_sim.rendering.rock_pass import GroundSeen
 from lunar_rover_sim.rendering.scene import LEFT, Request, Scene, SceneLight
 from lunar_rover_sim.rendering.sun_pass import Occluders, SunPass
 from lunar_rover_sim.rendering.world_passes import WorldPasses
@@ -99,18 +98,8 @@ class ScenePasses(GlOwner):
         self._earth.relight(config)
         self._sun.relight(config.sun)
 
-    def surroundings(self, state: RoverPose) -> ViewVolume:
-        """Return a volume that holds all that is around the cameras."""
-        volume = self._samples.projection.view_volume(self._mount.poses(state), self._shared.world)
-        return dataclasses.replace(volume, planes=np.zeros((0, 4)))
-
-    def draw_geometry(self, request: Request, state: RoverPose,
-                      around: Chosen | None = None) -> Scene:
-        """Draw the depth of the ground and choose what else is in view.
-
-        Args:
-            around: As for `GroundPass.choose`.
-        """
+    def begin(self, request: Request, state: RoverPose) -> Scene:
+        """Place the cameras of a frame, and choose what is in view."""
         projection, T_world_base = self._samples.projection, state.T_world_base
         shared = self._shared
         if any(request.truth_of(side) for side in request.sides):
@@ -124,30 +113,27 @@ class ScenePasses(GlOwner):
             if source.tracks is not None:
                 source.tracks.update(volume, shared.make_waiting)
         shared.ground.update(volume, shared.make_waiting)
-        chosen = shared.ground.choose(volume, around)
         if shared.lamp is not None and request.lit:
-            shared.lamp.draw(T_world_base, shared.world, shared.ground, shared.rocks)
-        scene = Scene(request, *self._begin(request), state, links, cameras,
-                      above_m=volume.above_m)
+            shared.lamp.draw(T_world_base, shared.world, shared.ground, shared.rocks,
+                             shared.workers)
+        scene = Scene(request, *self._drawings(request), state, links, cameras,
+                      above_m=volume.above_m, tracks=shared.ground.tracks_in(volume))
         if request.lit:
             self._sun.look(scene, volume, Occluders(shared.ground, shared.rocks, shared.body,
-                                                    shared.sunlight))
+                                                    shared.sunlight, shared.workers))
         for drawing in scene.drawings:
             for side in drawing.sides:
-                targets, window = drawing.targets, drawing.windows[side]
-                targets.views[side].place(cameras[side], drawing.projection, volume,
-                                          window=window, size=targets.size)
-                targets.views[side].bind()
-                clear_window(targets.ground[side], window)
-                # Meanwhile the driver draws the other side.
-                if drawing is scene.pixels and side == drawing.sides[-1]:
-                    scene.shows_rover = shared.body.is_in_view(links, volume)
-                    scene.lights = [self._choose_lit(source, scene, volume, chosen)
-                                    for source in sources]
-                shared.ground.draw_depth(chosen)
+                drawing.targets.views[side].place(cameras[side], drawing.projection,
+                                                  volume.centre_m, drawing.targets.size)
+        scene.depth_m = shared.ground.depths(
+            {(number, side): (drawing.targets.views[side].numbers, drawing.projection)
+             for number, drawing in enumerate(scene.drawings) for side in drawing.sides},
+            scene.tracks, shared.workers)
+        scene.shows_rover = shared.body.is_in_view(links, volume)
+        scene.lights = [self._choose_lit(source, scene, volume) for source in sources]
         return scene
 
-    def _begin(self, request: Request) -> tuple[Drawing, Drawing]:
+    def _drawings(self, request: Request) -> tuple[Drawing, Drawing]:
         """Return the drawings of pixels and of samples, which may be one."""
         if self._samples is self._pixels:
             both = self._pixels.begin(request.sides, request.lit_sides)
@@ -155,24 +141,20 @@ class ScenePasses(GlOwner):
         return (self._pixels.begin(request.sides, ()),
                 self._samples.begin(request.lit_sides, request.lit_sides))
 
-    def _choose_lit(self, source: WorldPasses, scene: Scene, volume: ViewVolume,
-                    chosen: Chosen) -> SceneLight:
+    def _choose_lit(self, source: WorldPasses, scene: Scene, volume: ViewVolume) -> SceneLight:
         """Return what the light of a source needs; choose rocks, draw the rover's shadow map."""
         links = scene.T_world_links
         source.rocks.choose(volume, self._samples.projection.focal_px,
-                            self._config.detail.rock_min_px)
-        shadow, axes, boxes = source.rover_shadow, source.sun_axes, chosen.boxes
-        shaded = shadow.may_shade(boxes, links, axes)
-        cast = shadow.cast(links, axes, seen=bool(
-            shaded.any() or shadow.may_shade(source.rocks.boxes, links, axes).any()))
+                            self._config.detail.rock_min_px, [
+                                GroundSeen(scene.T_world_cameras[side],
+                                           scene.drawings[number].projection, depth_m)
+                                for (number, side), depth_m in scene.depth_m.items()])
+        shadow = source.rover_shadow
+        cast = shadow.cast(links, source.sun_axes, source.rocks.boxes)
         body = None
         if scene.shows_rover:
             body = source.body.light(links, shadow.radius_m, source.sunlight,
                                      source.config.sun.irradiance)
-        for drawing in scene.drawings:
-            drawing.rows.append(source.ground.rows(
-                chosen, drawing.projection, scene.T_world_cameras[LEFT],
-                boxes[shaded]))
         return SceneLight(cast, body)
 
     def light(self, scene: Scene) -> None:
@@ -203,16 +185,14 @@ class ScenePasses(GlOwner):
                 sources = [source.light_on_ground(light, None if k else lamp)
                            for k, (source, light) in enumerate(self._lights(scene, drawing, side))]
                 parts[number, side] = Part(
-                    drawing, side, side in drawing.lit_sides or 'shadow' in truth, self._colour,
-                    truth, shared.ground.shape, sources,
+                    drawing, side, scene.depth_m[number, side], side in drawing.lit_sides or 'shadow' in truth, self._colour,
+                    truth, shared.ground.relief, scene.tracks.lit, sources,
                     shared.crater_lists() if 'crater' in truth else None)
         return GroundPicture(shared.workers, parts)
 
     def read(self, scene: Scene, *, links: bool) -> Drawn:
         """Read what was drawn of a scene that has just been lit; links: those too."""
         request = scene.request
-        assert scene.ground is not None
-        scene.ground.read()
         depth_m = {side: _read(self._pixels, 1, side) for side in request.sides}
         one = self._samples is self._pixels
         samples = {side: LitImage(_read(self._samples, 0, side), depth_m[side] if one
@@ -241,7 +221,9 @@ class ScenePasses(GlOwner):
         for side, depth_m in drawn.depth_m.items():
             own = ground.images[last, side]
             if last or side not in samples:
-                cover(LitImage(np.zeros_like(depth_m), depth_m), own, workers)
+                cover_depth(depth_m, own.depth_m, workers)
+            if side in drawn.link:      # what the ground hides of the rover
+                drawn.link[side][depth_m > 0.0] = 0
             if side in drawn.truth:
                 tell(drawn.truth[side], depth_m, own)
         self._earth.draw(scene, samples.values())   # before outlines in front of it are smoothed
@@ -310,9 +292,7 @@ class ScenePasses(GlOwner):
     def _draw_objects(self, scene: Scene, drawing: Drawing, side: int) -> None:
         truth = bool(self._truth_of(scene, drawing, side))
         target = self._target(scene, drawing, side)
-        # The depth buffer is that of the meshes, unless relief has a shape of its own.
-        clear_colour(target, drawing.windows[side],
-                     depth=self._shared.ground.shape.relief is not None)
+        clear_window(target, drawing.windows[side])
         self._shared.rover_shadow.bind()
         self._shared.rocks.draw(truth=truth)
         body = scene.lights[0].body

@@ -9,8 +9,31 @@ from lunar_rover_sim.compiled import vectorised
 from lunar_rover_sim.rendering.row_math import any_positive, CHUNK, disc, PAGE, shape_share
 
 _N, _PAGE = CHUNK, PAGE
-_ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+_ZERO, _HALF, _ONE, _FAR = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(1e9)
 _GRAZING, _LIFTED, _BESIDE, _NEAREST = (np.float32(x) for x in (0.02, 0.08, 0.6, 1e-3))
+
+
+@vectorised
+def may_shade(depth, x, y, z, sun, place, bounds):  # type: ignore[no-untyped-def]
+    """Return whether the rover may shade any pixel of a band.
+
+    Args:
+        depth to place: As for `rover_shadow`.
+        bounds: As `CastShadow.bounds`.
+    """
+    ax, ay, az, bx, by, bz = place[0], place[1], place[2], place[3], place[4], place[5]
+    middle_x, middle_y, middle_z, sx, sy, sz = place[6], place[7], place[8], sun[0], sun[1], sun[2]
+    low_p, high_p, low_q, high_q, foremost, wider = (bounds[0], bounds[1], bounds[2], bounds[3],
+                                                     bounds[4], bounds[5])
+    count = 0
+    for i in range(len(depth)):
+        a, b, d = x[i] - middle_x, y[i] - middle_y, z[i] - middle_z
+        p, q = a * ax + b * ay + d * az, a * bx + b * by + d * bz
+        behind = foremost - (a * sx + b * sy + d * sz)
+        beside = max(max(low_p - p, p - high_p), max(low_q - q, q - high_q))
+        beside = beside if behind >= _ZERO else _FAR
+        count += (beside if depth[i] > _ZERO else _FAR) <= wider * behind
+    return count > 0
 
 
 @vectorised

@@ -24,12 +24,13 @@ from lunar_rover_sim.illumination.sun_disc import disc_radiance, limb_darkening
 from lunar_rover_sim.illumination.sunlight import Sunlight
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import clear_window, release_all
-from lunar_rover_sim.rendering.ground_pass import GroundPass
+from lunar_rover_sim.rendering.ground import Ground, SeenTracks
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
 from lunar_rover_sim.rendering.rock_pass import RockPass
 from lunar_rover_sim.rendering.rover_pass import RoverPass
 from lunar_rover_sim.rendering.scene import Scene, SeenSun
-from lunar_rover_sim.rendering.view import View
+from lunar_rover_sim.rendering.view import View, view_numbers
+from lunar_rover_sim.workers import Workers
 
 _MARGIN = 1.05              # of the view of the disc, over its diameter
 _LEAST, _MOST = 64, 512     # pixels of that view along a side
@@ -40,10 +41,11 @@ _FINE = 16                  # samples across the disc, at least, that make its i
 class Occluders(NamedTuple):
     """What may hide the sun, and the sunlight, which knows the horizon of the ground."""
 
-    ground: GroundPass
+    ground: Ground
     rocks: RockPass
     rover: RoverPass
     sunlight: Sunlight
+    workers: Workers
 
 
 class SunPass:
@@ -104,16 +106,17 @@ class SunPass:
             return
         scene.sun.T_world_views = views
         narrow = dataclasses.replace(volume, planes=self._narrow.planes(views))
-        chosen = occluders.ground.choose(narrow)
+        if ground:
+            scene.sun.over_ground = np.stack([occluders.ground.depth(
+                view_numbers(view, self._narrow, volume.centre_m), self._narrow, SeenTracks(),
+                occluders.workers) == 0.0 for view in views])
         occluders.rocks.choose(narrow, self._projection.focal_px, self._rock_min_px)
         n = self._n
         for side in scene.request.lit_sides:
             window = (0, side * n, n, n)
-            self._views[side].place(views[side], self._narrow, narrow, window=window,
-                                    size=(n, 2 * n))
+            self._views[side].place(views[side], self._narrow, volume.centre_m, (n, 2 * n))
             self._views[side].bind()
             clear_window(self._hidden, window)
-            occluders.ground.draw_depth(chosen)
             occluders.rocks.draw()
             if rover:
                 occluders.rover.draw(scene.T_world_links, {})
@@ -122,7 +125,7 @@ class SunPass:
         """Note how much of the disc each camera of a scene sees."""
         sun = scene.sun
         if sun is not None and sun.T_world_views is not None:
-            sun.sky = self._sky()
+            sun.sky = self._sky() & sun.over_ground
             sun.irradiance *= (self._weights * sun.sky).sum(axis=(1, 2)) / self._weights.sum()
 
     def draw(self, scene: Scene, images: Mapping[int, LitImage]) -> None:

@@ -11,13 +11,10 @@ from collections.abc import Callable
 import math
 from typing import Any, NamedTuple
 
-import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
-from lunar_rover_sim.rendering import texture_units
-from lunar_rover_sim.rendering.context import set_uniform
 from lunar_rover_sim.rendering.projection import ViewVolume
 from lunar_rover_sim.rendering.track_texels import (FAR_TEXELS, LEVELS, REACH_M, Surroundings,
                                                     TILE, track_texels, TrackSun, TrackTexels)
@@ -27,7 +24,6 @@ F32 = NDArray[np.float32]
 
 TILE_M = TILE * CELL_M
 NEAR_TILES, FAR_TILES = 40, 128
-DEFINES = {'PRINT_OFFSET': f'{0.5 / (NEAR_TILES * TILE):.9f}', 'PRINT_CELL': f'{CELL_M:.6f}'}
 _SEAM_TILES = 2             # unused at the edges of a window, where tiles wrap around
 _CORNERS = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
 _HEIGHT_M, _MARGIN_M = 0.06, 0.05    # of the boxes of tiles, upright and sideways
@@ -51,7 +47,7 @@ class TrackArrays(NamedTuple):
 
     @property
     def of_shape(self) -> tuple[Any, ...]:
-        """What `surface_rows` take."""
+        """What `ground_rays.cast` takes."""
         return self.windows, self.touched, self.near, int(self.near_side[0])
 
 
@@ -67,26 +63,24 @@ class TrackMap:
     Attributes:
         arrays: For compiled loops.
         keys: (n, 2) tiles that have tracks, or may lie in their shadow.
-        blocks: (n, 2, 2) which of their blocks have relief.
         boxes: (n, 2, 3) [m].
         near: (n,) whether they are in the near window.
+        raised: (n,) whether the ground differs in them.
     """
 
-    def __init__(self, context: moderngl.Context, ground: HeightGrid, overlay: Overlay,
-                 sun: TrackSun) -> None:
+    def __init__(self, ground: HeightGrid, overlay: Overlay, sun: TrackSun) -> None:
         """ground: the untouched one; overlay: read whenever a frame is drawn."""
         self._overlay, self._ground, self._sun = overlay, ground, sun
         self._seen = 0
         self._index: dict[tuple[int, int], int] = {}
         self.keys: NDArray[np.int64] = np.zeros((0, 2), np.int64)
-        self.boxes, self.blocks = np.zeros((0, 2, 3)), np.zeros((0, 2, 2), bool)
+        self.boxes = np.zeros((0, 2, 3))
         self.near, self._far = np.zeros(0, bool), np.zeros(0, bool)
         self._stale, self._full = np.zeros(0, bool), np.zeros(0, bool)
+        self.raised = np.zeros(0, bool)
         self._checksums: dict[tuple[int, int], int] = {}
         self._around = _around(sun)
         side, far_side = NEAR_TILES * TILE, FAR_TILES * FAR_TEXELS
-        self._soil = context.texture((side, side), 2, bytes(4 * side * side), dtype='f2')
-        self._soil.filter = (context.LINEAR, context.LINEAR)
         self._untouched = _untouched()
         # Texels are what differs from untouched ground: few of the pages are ever written to.
         sides = np.array([side >> level for level in range(LEVELS)])
@@ -143,15 +137,6 @@ class TrackMap:
         """Return (n,) whether a view may show a tile."""
         return self._full & volume.sees(self.boxes)
 
-    def bind(self, program: moderngl.Program) -> None:
-        """Bind the height changes for a program that draws tracks."""
-        self._soil.use(texture_units.SOIL)
-        set_uniform(program, u_soil=texture_units.SOIL, u_near_scale=self.arrays.windows[0])
-
-    def release(self) -> None:
-        """Release the GL objects."""
-        self._soil.release()
-
     def _draw_tile(self, k: int, near: bool) -> None:
         """Compute a tile anew if anything has changed that it shows, and write it."""
         key = self._key(k)
@@ -162,7 +147,7 @@ class TrackMap:
             return
         self._checksums[key] = checksum
         texels = track_texels(surroundings, self._sun)
-        self.blocks[k], self._full[k], self._far[k] = texels.blocks, texels.full, True
+        self._full[k], self.raised[k], self._far[k] = texels.full, texels.raised, True
         self._write_far(key, texels.far, texels.full)
         if near:
             self._write_near(key, texels)
@@ -180,7 +165,6 @@ class TrackMap:
         self._stale[[self._index[tile] for tile in tiles]] = True
 
     def _append(self, keys: NDArray[np.int64]) -> None:
-        count = len(keys)
         for n, key in enumerate(map(tuple, keys.tolist())):
             self._index[key] = len(self.keys) + n
         last = self._ground.half_extent_m - 0.5 * TILE_M
@@ -192,15 +176,13 @@ class TrackMap:
                           np.nanmax(corners, axis=1, keepdims=True) + _HEIGHT_M])
         self.keys = np.concatenate([self.keys, keys])
         self.boxes = np.concatenate([self.boxes, np.stack([low, high], axis=1)])
-        self.blocks = np.concatenate([self.blocks, np.zeros((count, 2, 2), bool)])
-        none = np.zeros(count, bool)
+        none = np.zeros(len(keys), bool)
         self.near, self._far = np.append(self.near, none), np.append(self._far, none)
         self._stale, self._full = np.append(self._stale, ~none), np.append(self._full, none)
+        self.raised = np.append(self.raised, none)
 
     def _write_near(self, key: tuple[int, int], texels: TrackTexels) -> None:
-        soil = np.ascontiguousarray(texels.soil[0])
         x, y = key[0] % NEAR_TILES, key[1] % NEAR_TILES
-        self._soil.write(soil, (x * TILE, y * TILE, TILE, TILE))
         arrays = self.arrays
         for level, (first, side) in enumerate(zip(arrays.near_first.tolist(),
                                                   arrays.near_side.tolist())):

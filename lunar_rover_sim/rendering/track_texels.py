@@ -15,7 +15,6 @@ from lunar_rover_sim.world.fine_relief import disc_share
 
 LEVELS = 4                  # of the near window: texels of 5, 10, 20 and 40 mm
 TILE = 40                   # samples of a tile of the textures, along one side
-BLOCK = TILE // 2           # samples of a block of the mesh, along one side
 FAR_TEXELS = 5              # of a tile in the far window, along one side
 REACH_M = 0.6               # shadows of rims are looked for up to this distance
 _FIRST_M, _GROWTH = 0.004, 0.05
@@ -48,14 +47,14 @@ class TrackTexels:
     Attributes:
         prints, soil: Of each level of the near window, (n, n, 4) and (n, n, 2) float16.
         far: (5, 5, 4).
-        blocks: (2, 2) whether a block [iy, ix] has relief; the samples at its edges count.
+        raised: Whether the ground differs in it.
         full: Whether there is anything to show.
     """
 
     prints: list[NDArray[np.float16]]
     soil: list[NDArray[np.float16]]
     far: NDArray[np.float16]
-    blocks: NDArray[np.bool_]
+    raised: bool
     full: bool
 
 
@@ -126,12 +125,12 @@ def track_texels(around: Surroundings, sun: TrackSun) -> TrackTexels:
     distant = np.stack([light, pressed, loose, np.zeros_like(light)], axis=-1)
     side = TILE // FAR_TEXELS
     far_texels = distant.reshape(FAR_TEXELS, side, FAR_TEXELS, side, 4).mean(axis=(1, 3))
+    # The samples at its edges count.
     relief = np.abs(height[south:south + TILE + 1, west:west + TILE + 1]) > _LEAST_M
-    blocks = np.array([[relief[j:j + BLOCK + 1, i:i + BLOCK + 1].any() for i in (0, BLOCK)]
-                       for j in (0, BLOCK)])
+    raised = bool(relief.any() or pressed.any())
     return TrackTexels([p.astype(np.float16) for p in prints],
                        [s.astype(np.float16) for s in soil], far_texels.astype(np.float16),
-                       blocks, bool(relief.any() or pressed.any() or (seen < 1.0).any()))
+                       raised, raised or bool((seen < 1.0).any()))
 
 
 def _horizon(around: Surroundings, sun: TrackSun) -> Array:

@@ -9,16 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rendering.projection import Projection, ViewVolume
+from lunar_rover_sim.rendering.projection import Projection
 
 Window = tuple[int, int, int, int]      # x, y, width, height within a framebuffer [px]
 
 # The layout std140 of the block View in shaders/view.glsl.
-_BLOCK = np.dtype([(name, kind, size) for name, kind, size in (
-    ('clip', 'f4', 16), ('camera', 'f4', 3), ('above', 'f4', ()), ('axis', 'f4', 3),
-    ('pixel', 'f4', ()), ('ray', 'f4', 3), ('first_row', 'f4', ()), ('ray_right', 'f4', 4),
-    ('ray_down', 'f4', 4), ('texel', 'f4', 2),
-    ('centre', 'f4', 2))])
+_BLOCK = np.dtype([('clip', 'f4', 16), ('camera', 'f4', 3), ('pixel', 'f4'), ('axis', 'f4', 4),
+                   ('texel', 'f4', 4)])
 
 
 class ViewNumbers(NamedTuple):
@@ -41,6 +38,16 @@ class ViewNumbers(NamedTuple):
         return float(self.numbers[15])
 
 
+def view_numbers(T_world_camera: Array, projection: Projection, middle: Array) -> ViewNumbers:
+    """Return the numbers of a camera; middle: (2,) or more, that of all cameras [m]."""
+    K, camera = projection.K, T_world_camera
+    right, down = camera[:3, 0] / K[0, 0], camera[:3, 1] / K[1, 1]
+    ray = camera[:3, 2] - right * K[0, 2] - down * K[1, 2]
+    return ViewNumbers(np.concatenate([ray, right, down, camera[:3, 3], camera[:3, 2],
+                                       [1.0 / K[0, 0]]]).astype(np.float32),
+                       camera[:3, 3], middle[:2])
+
+
 class View:
     """The uniform block of one camera.
 
@@ -53,29 +60,19 @@ class View:
     def __init__(self, context: moderngl.Context) -> None:
         self._buffer = context.buffer(reserve=_BLOCK.itemsize, dynamic=True)
 
-    def place(self, T_world_camera: Array, projection: Projection, volume: ViewVolume, *,
-              window: Window, size: tuple[int, int]) -> None:
-        """Set where the camera is, what it sees, and where its image lies.
+    def place(self, T_world_camera: Array, projection: Projection, middle: Array,
+              size: tuple[int, int]) -> None:
+        """Set where the camera is and what it sees.
 
         Args:
-            volume: Of all cameras that the ground is chosen for.
-            window: Place of the image within attachments of this size [px].
+            middle: (2,) or more, place of the middle of all cameras [m].
+            size: Of the attachments that its image lies in [px].
         """
-        K, camera = projection.K, T_world_camera
+        self.numbers = view_numbers(T_world_camera, projection, middle)
         block = np.zeros((), _BLOCK)
-        right, down = camera[:3, 0] / K[0, 0], camera[:3, 1] / K[1, 1]
-        block['clip'] = projection.clip_matrix(camera).ravel()
-        block['camera'], block['above'] = camera[:3, 3], volume.above_m
-        block['axis'], block['pixel'] = camera[:3, 2], 1.0 / K[0, 0]
-        block['ray'] = camera[:3, 2] - right * K[0, 2] - down * K[1, 2]
-        block['ray_right'][:3], block['ray_down'][:3] = right, down
-        block['first_row'] = window[1]
-        block['texel'] = 1.0 / np.array(size)
-        block['centre'] = volume.centre_m[:2] - camera[:2, 3]
-        self.numbers = ViewNumbers(
-            np.concatenate([block['ray'], block['ray_right'][:3], block['ray_down'][:3],
-                            block['camera'], block['axis'], [block['pixel']]]).astype(np.float32),
-            camera[:3, 3], volume.centre_m[:2])
+        block['clip'] = projection.clip_matrix(T_world_camera).ravel()
+        block['camera'], block['pixel'] = T_world_camera[:3, 3], self.numbers.pixel
+        block['axis'][:3], block['texel'][:2] = T_world_camera[:3, 2], 1.0 / np.array(size)
         self._buffer.orphan()   # the previous content may still be in use
         self._buffer.write(block.tobytes())
 

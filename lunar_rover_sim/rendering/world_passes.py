@@ -17,11 +17,12 @@ from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import set_uniform
 from lunar_rover_sim.rendering.crater_map import crater_lists, CraterLists
 from lunar_rover_sim.rendering.gl_owner import GlOwner
+from lunar_rover_sim.rendering.ground import Ground
 from lunar_rover_sim.rendering.ground_band import GroundSource
-from lunar_rover_sim.rendering.ground_pass import GroundPass
 from lunar_rover_sim.rendering.ground_picture import GroundPicture
 from lunar_rover_sim.rendering.ground_texels import GroundTexels
-from lunar_rover_sim.rendering.lamp_shadow import LampLight, LampShadow
+from lunar_rover_sim.rendering.lamp_rows import LampLight
+from lunar_rover_sim.rendering.lamp_shadow import LampShadow
 from lunar_rover_sim.rendering.lighting import GroundConstants, lighting_constants
 from lunar_rover_sim.rendering.rock_pass import RockPass
 from lunar_rover_sim.rendering.rover_pass import RoverPass
@@ -40,12 +41,13 @@ from lunar_rover_sim.world.model import World
 class WorldPasses(GlOwner):
     """The passes that draw the world, for whichever camera is bound.
 
-    What they have chosen for a camera holds from the geometry of a frame to its light.
+    What they have chosen for a camera holds until its frame is lit.
 
     Attributes:
         world, rover, config, seed: As given.
         sunlight, sun_axes: What the sun sees.
-        ground, rocks, body, rover_shadow: Passes.
+        ground: Of the world.
+        rocks, body, rover_shadow: Passes.
         lamp: None without a lamp.
         tracks: None before `follow`.
         programs: Of all passes that compute light or truth.
@@ -55,15 +57,20 @@ class WorldPasses(GlOwner):
     """
 
     def __init__(self, context: moderngl.Context, world: World, rover: RoverDescription,
-                 config: RenderConfig, seed: int) -> None:
-        """Make all passes; seed: of the relief below the grid."""
+                 config: RenderConfig, seed: int, ground: Ground | None = None) -> None:
+        """Make all passes.
+
+        Args:
+            seed: Of the relief below the grid.
+            ground: That of another source of light.
+        """
         super().__init__()
         self._context = context
         self.world, self.rover, self.config, self.seed = world, rover, config, seed
         with self._making():
-            self._build()
+            self._build(ground)
 
-    def _build(self) -> None:
+    def _build(self, ground: Ground | None) -> None:
         context, config, world = self._context, self.config, self.world
         self._surface = self._own(Surface(context, world))
         self._far_rocks = far_rocks(world, config.detail.far_rocks_m)
@@ -72,7 +79,7 @@ class WorldPasses(GlOwner):
         self._light_surface(light)
         sunlight = light.sunlight
         lamp = config.lamp.power_w > 0.0
-        self.ground = self._own(GroundPass(context, world, config.detail, self._surface))
+        self.ground = ground or Ground(world, config.detail, self._surface)
         self.rocks = self._own(RockPass(context, sunlight.rocks, world.rock_shapes,
                                         light.rock_light,
                                         world.height_at(sunlight.rocks.position_m[:, :2]),
@@ -87,7 +94,7 @@ class WorldPasses(GlOwner):
         self.waiting: list[GroundPicture] = []
         self._gather_programs()
         self.earth = (self._own(WorldPasses(context, world, self.rover, _under_earth(config),
-                                            self.seed))
+                                            self.seed, self.ground))
                       if config.earth.lights_ground else None)
 
     @property
@@ -111,11 +118,10 @@ class WorldPasses(GlOwner):
 
     def follow(self, overlay: Overlay) -> None:
         """Draw the tracks of an overlay from now on."""
-        self.tracks = self._own(TrackMap(self._context, self.world.ground, overlay,
-                                         self._track_sun()))
-        self.ground.follow(self.tracks)
+        self.tracks = TrackMap(self.world.ground, overlay, self._track_sun())
         if self.earth is not None:
             self.earth.follow(overlay)
+        self.ground.follow(self.tracks)     # which is also that of the Earth
 
     def _track_sun(self) -> TrackSun:
         sun = self.config.sun
@@ -131,9 +137,9 @@ class WorldPasses(GlOwner):
 
     def light_on_ground(self, light: SceneLight, lamp: LampLight | None) -> GroundSource:
         """Return what the ground is lit with in a frame."""
-        shadow = light.shadow if light.shadow.silhouette is not None else None
         return GroundSource(self._constants, self._surface.texels,
-                            None if self.tracks is None else self.tracks.arrays, shadow, lamp)
+                            None if self.tracks is None else self.tracks.arrays, light.shadow,
+                            lamp)
 
     def make_waiting(self) -> None:
         """Make the ground of frames that wait for it, before the ground changes."""

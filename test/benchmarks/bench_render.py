@@ -141,12 +141,9 @@ def theirs(world, camera, sun, track):
 
 # Module, class ('' for none), function: what belongs to a pass.
 PASSES = {
-    'choices: chunks, rocks': (('ground_pass', 'GroundPass', 'choose'),
-                               ('ground_pass', 'GroundPass', 'rows'),
-                               ('rock_pass', 'RockPass', 'choose')),
-    "rover's shadow map": (('rover_shadow', 'RoverShadow', 'cast'),
-                           ('rover_shadow', 'RoverShadow', 'may_shade')),
-    'mesh depth': (('ground_pass', 'GroundPass', 'draw_depth'),),
+    'choice of rocks': (('rock_pass', 'RockPass', 'choose'),),
+    "rover's shadow map": (('rover_shadow', 'RoverShadow', 'silhouette'),),
+    'ground depth': (('ground', 'Ground', 'depths'),),
     'ground light': (('ground_picture', 'GroundPicture', 'make'), ('scene_passes', '', 'cover')),
     'rocks and rover': (('rock_pass', 'RockPass', 'draw'), ('rover_pass', 'RoverPass', 'draw')),
     'reading': (('scene_passes', 'ScenePasses', 'read'),),

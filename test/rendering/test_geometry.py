@@ -12,22 +12,14 @@ from scipy.ndimage import map_coordinates
 import worlds
 
 from lunar_rover_sim.camera.config import CameraConfig, LensConfig
-from lunar_rover_sim.camera.mount import BodyMount
 from lunar_rover_sim.camera.rig import StereoRig
-from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.model import build_model
-from lunar_rover_sim.rendering.chunk_tree import ChunkTree, level_ranges
-from lunar_rover_sim.rendering.config import DetailConfig, RenderConfig
+from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import create_context
-from lunar_rover_sim.rendering.frame_targets import read_image
 from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK, LABEL_GROUND, LABEL_SKY, rover_links
-from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.rock_meshes import MOST_APART
-from lunar_rover_sim.rendering.scene import LEFT, Request, RIGHT
-from lunar_rover_sim.rendering.scene_passes import ScenePasses
-from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.pose import RoverPose
 
 STILL = np.zeros(4)
@@ -230,32 +222,6 @@ def test_no_cracks(world, renderer):
         assert not np.any(sky & ground_above)
 
 
-def test_no_pinholes_where_meshes_meet():
-    """No single pixel of sky inside the ground, in either image, where two strides meet."""
-    built = worlds.small()
-    config = scene.config(12.0)
-    rig = StereoRig(scene.ROVER, config.camera)
-    projection = Projection(rig.K, rig.width, rig.height, config.camera.near_m,
-                            config.camera.far_m)
-    rng = np.random.default_rng(4)
-    with created_context() as context:
-        shared = WorldPasses(context, built, scene.ROVER, config, 0)
-        passes = ScenePasses(context, shared, BodyMount(rig), config, projection,
-                             sees_rover=False, strays=lambda direction: False)
-        for _ in range(40):
-            pose = pose_on(built, *rng.uniform(-4.0, 4.0, 2), rng.uniform(0.0, 360.0))
-            drawn = passes.draw_geometry(Request.of(('left', 'right'), 0), RoverPose(pose))
-            for side in (LEFT, RIGHT):
-                ground = read_image(drawn.pixels.targets.ground[side], 0, side,
-                                    (rig.height, rig.width)) > 0.0
-                around = [np.roll(ground, (dv, du), (0, 1))[1:-1, 1:-1]
-                          for dv in (-1, 0, 1) for du in (-1, 0, 1) if dv or du]
-                assert 0.2 < ground.mean() < 1.0
-                assert not np.any(~ground[1:-1, 1:-1] & np.all(around, axis=0))
-        passes.release()
-        shared.release()
-
-
 def test_labels_and_normals(world, renderer):
     pose = pose_on(world, -3.0, -3.0, 45.0)
     frame = renderer.render(RoverPose(pose), 0, ('depth', 'normal', 'label'))
@@ -303,61 +269,3 @@ def test_rig_geometry():
     assert left[1] == pytest.approx(right[1])
     assert left[0] - right[0] == pytest.approx(rig.focal_px * rig.baseline_m / 2.0)
     assert np.all(np.isnan(rig.project([-5.0, 0.0, 0.0], np.eye(4))[0]))
-
-
-K = np.array([[100.0, 0.0, 79.5], [0.0, 100.0, 59.5], [0.0, 0.0, 1.0]])
-OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-
-
-def rows_of(values: np.ndarray) -> set[tuple[float, ...]]:
-    """Return the rows of an array."""
-    return set(map(tuple, values.tolist()))
-
-
-def test_a_view_within_a_wider_one() -> None:
-    """What a view takes of all that is around it are the chunks it would choose by itself.
-
-    It has no other skirts than those: chunks next to it are known, so that it may have fewer.
-    """
-    world = scene.plane(n=513, heights=scene.hills(n=513))
-    tree = ChunkTree(world.ground, 0.0)
-    ranges_m = level_ranges([tree], DetailConfig())[0]
-    projection = Projection(K, 160, 120, 0.01, 1000.0)
-    for yaw_rad in (0.3, 2.0, 4.1):
-        turn = matrix_from_wxyz(wxyz_from_rpy(0.0, 0.3, yaw_rad)) @ OPTICAL
-        view = projection.view_volume([se3(turn, np.array([0.4, -0.3, 0.5]))], world)
-        around = tree.select(dataclasses.replace(view, planes=np.zeros((0, 4))), ranges_m)
-        alone, taken = tree.select(view, ranges_m), around.within(view)
-        assert np.array_equal(taken.chunks, alone.chunks)
-        assert np.array_equal(taken.boxes, alone.boxes)
-        assert 0 < len(taken.chunks) < 0.5 * len(around.chunks)
-        assert 0 < len(taken.skirts) and rows_of(taken.skirts) <= rows_of(alone.skirts)
-        # Each skirt belongs to its chunk.
-        own = taken.chunks[taken.rims]
-        assert np.array_equal(own[:, :2], taken.skirts[:, :2])
-        assert np.array_equal(own[:, 2], np.floor(taken.skirts[:, 2]))
-
-
-def test_chunks_tile_the_ground_outside_the_finer_grid() -> None:
-    """Each cell is drawn once, by a mesh as fine as its distance asks for."""
-    world = scene.plane(n=513, heights=scene.hills(n=513))
-    cell_m, inner_m = world.ground.cell_m, 64 * world.ground.cell_m
-    tree = ChunkTree(world.ground, inner_m)
-    ranges_m = level_ranges([tree], DetailConfig())[0]
-    view = dataclasses.replace(Projection(K, 160, 120, 0.01, 1000.0).view_volume(
-        [se3(OPTICAL, np.array([0.4, -0.3, 0.5]))], world), planes=np.zeros((0, 4)))
-    chosen = tree.select(view, ranges_m)
-    times = np.zeros((512, 512), int)
-    for column, row, stride, limit_m in chosen.chunks:
-        cells = int(8 * stride)
-        times[int(row):int(row) + cells, int(column):int(column) + cells] += 1
-        assert limit_m in (ranges_m[int(np.log2(stride))], 1e9)
-    inside = np.abs((np.arange(512) + 0.5) * cell_m - 256 * cell_m) < inner_m
-    assert np.array_equal(times, np.where(inside[:, None] & inside, 0, 1))
-    # No chunk is coarser than the nearest of its points may be drawn.
-    centre, near = view.centre_m[:2], np.concatenate([[0.0], ranges_m])
-    away = np.maximum(np.abs(chosen.boxes.mean(axis=1)[:, :2] - centre)
-                      - 0.5 * np.ptp(chosen.boxes, axis=1)[:, :2], 0.0)
-    finest = near[np.log2(chosen.chunks[:, 2]).astype(int)]
-    assert np.all((away**2).sum(axis=1) >= finest**2 - view.above_m**2)
-    assert np.all(np.diff((away**2).sum(axis=1)) >= -1e-9)      # nearest first
