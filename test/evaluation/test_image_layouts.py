@@ -94,6 +94,13 @@ def test_polar(tmp_path: Path) -> None:
         _, _, found = pairs(path)
         assert found[0].right is not None
         assert found[0].right[24, 32] == pytest.approx(np.sqrt(1021.0 / 4079.0), abs=1e-3)
+    # These two cameras are rectified already: what grows to the right still does.
+    ramp = 900 + 2 * np.tile(np.arange(64, dtype=np.uint16), (48, 1))
+    write_png(terrain / 'PosA_1500_Loff' / 'NoSun' / 'CamR_PosA_0128.png', ramp)
+    inner = np.s_[4:-4, 4:-4]
+    _, _, found = pairs(path)
+    np.testing.assert_allclose(found[0].right[inner], np.sqrt((ramp[inner] - 16.0) / 4079.0),
+                               atol=1e-3)
     (terrain / 'stereo.calibration').write_text('ROTATION_MATRIX: 1 0 0\n')
     with pytest.raises(EvaluationError, match='CAMERA_MATRIX_LEFT is missing'):
         pairs(terrain)

@@ -43,6 +43,9 @@ def test_flags_are_right_or_missing(folder, tmp_path):
                    for flagged in (True, False))
     assert right.near.precision > 0.98 and right.near.recall > 0.98
     assert none.near.recall == 0.0 and none.near.precision != none.near.precision
+    told = none.to_mapping()
+    assert told['near'] == {**none.near._asdict(), 'precision': None}
+    assert told['offset_m'] == none.offset_m and len(told['by_distance']) == len(none.by_distance)
 
 
 def test_a_bag_without_a_map_and_a_world_that_is_another_are_refused(folder, tmp_path):

@@ -37,6 +37,24 @@ def test_the_map_is_inverted(table, forward, yaw_rate):
     assert back[1] == pytest.approx(yaw_rate, rel=0.02, abs=1e-3)
 
 
+def test_strides_of_the_table_have_its_velocities():
+    table = GaitCalibration.default()
+    for rate, speeds, turns in zip(table.phase_rates_hz, table.forward_mps, table.yaw_rate_radps):
+        for turn, *velocity in zip(table.turns, speeds, turns):
+            assert table.velocity(rate, turn) == pytest.approx(velocity, rel=1e-6, abs=1e-9)
+
+
+def test_without_slip_a_side_goes_on_by_its_sweep_while_it_stands():
+    """0.14 m a cycle of duty 0.6, more where a side stands for a smaller part of the cycle."""
+    table = GaitCalibration.default()
+    half_track_m = table.forward_mps[0][0] / table.yaw_rate_radps[0][-1]
+    for turn, forward, yaw_rate in zip(table.turns, table.forward_mps[0], table.yaw_rate_radps[0]):
+        stride = Stride.turning(1.0, turn)
+        for sign, sweep in ((-1.0, stride.left_sweep), (1.0, stride.right_sweep)):
+            assert forward + sign * yaw_rate * half_track_m == pytest.approx(
+                0.14 * sweep * 0.6 / (0.6 - sign * stride.duty_offset))
+
+
 @functools.cache
 def strides():
     """Return turns, (n,), and the duty offset and the sweeps of each, (n, 3)."""
@@ -73,7 +91,7 @@ def test_on_the_spot_the_sides_turn_against_each_other(table):
 def test_beyond_reach_the_curvature_is_kept(table):
     for forward, yaw_rate in ((1.0, 0.5), (0.5, 0.1), (-1.0, 0.3), (0.1, 3.0)):
         stride, scale = table.stride(forward, yaw_rate)
-        assert scale < 1.0
+        assert scale < 1.0 and abs(scale * yaw_rate) < GaitConfig().max_yaw_rate_radps + 1e-9
         within, factor = table.stride(forward * scale, yaw_rate * scale)
         assert factor == pytest.approx(1.0)
         assert within.phase_rate_hz == pytest.approx(stride.phase_rate_hz, rel=1e-6)

@@ -27,7 +27,8 @@ from sample import modules, Mutant, read, ROOMS, write
 
 MOST_S = 3600.0     # of CPU time of a file of tests
 # Not test/regression: a stored number notices any change of it, right or wrong.
-TESTS = [*(f'test/{room}' for room in ROOMS), 'test/inspection', 'test/rendering',
+TESTS = [*(f'test/{room}' for room in ROOMS), 'test/cli', 'test/files', 'test/inspection',
+         'test/lidar', 'test/rendering', 'test/sequences', 'test/slam', 'test/usd',
          'test/test_default_values.py', 'test/test_frames.py', 'test/test_parameter_ranges.py',
          'test/test_values.py']
 

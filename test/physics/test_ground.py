@@ -208,7 +208,8 @@ def test_the_rover_stands_where_it_was_put() -> None:
     """It rests there at its height; the IMU reads gravity alone, also across the jump."""
     with simulate() as simulation:
         height_m = simulation.state.position_m[2]
-        state = simulation.move([1.5, -2.0, height_m], YAW_90)
+        state = simulation.move([1.5, -2.0, height_m], 1.0009 * np.array(YAW_90))
+        np.testing.assert_allclose(state.orientation_wxyz, YAW_90, atol=1e-9)
         assert np.allclose(state.position_m, [1.5, -2.0, height_m])
         after = simulation.advance(5)
         assert np.linalg.norm(after.specific_force_mps2) == pytest.approx(GRAVITY, abs=0.2)

@@ -83,6 +83,9 @@ def test_disabled_noise_is_the_truth():
     np.testing.assert_array_equal(sample.specific_force, REST)
     np.testing.assert_array_equal(sample.rate, [0.1, 0.2, 0.3])
     assert noise.white_noise_variances() == (0.0, 0.0)
+    many = noise.measure_many([REST], [[0.1, 0.2, 0.3]])
+    for name, value in dataclasses.asdict(sample).items():
+        np.testing.assert_array_equal(getattr(many, name), [value])
 
 
 def test_scale_misalignment_range_and_resolution():

@@ -147,3 +147,6 @@ def test_errors_are_counted_above_one_and_two_pixels():
     assert summary['bad-2'] == pytest.approx(1.0 / HEIGHT)
     assert summary['end-point error [px]'] == pytest.approx(5.0 / HEIGHT)
     assert summary['RMS error [px]'] == pytest.approx(np.sqrt((1.0 + 2.25 + 6.25) / HEIGHT))
+    # What is off by more than the bins reach is in the last one.
+    far = judged(even(128), np.full_like(disparity, TRUTH + 4.5))
+    assert len(far.signed_counts) == 512 and far.signed_counts[-1] == far.matched

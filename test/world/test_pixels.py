@@ -91,7 +91,7 @@ def test_the_area_of_a_file_in_the_world(tmp_path, kind, south_up):
     assert raster.pixel_m == PIXEL_Y
     assert raster.report['pixel_m'] == [PIXEL_X, PIXEL_Y]
     # The height at the origin is that of the middle pixel of the window or its neighbour's.
-    assert raster.reference_m == pytest.approx(500.0 + 10.0 * EAST + 21.0 * NORTH, abs=0.5)
+    assert raster.reference_m == pytest.approx(500.0 + 10.0 * EAST + 21.0 * NORTH, abs=0.2)
     raster.close()
 
 
