@@ -52,6 +52,22 @@ def test_a_line_becomes_as_wide_as_the_path_is_long(path_px, upwards):
     assert path_px**2 / 12.0 - 0.02 < variance < path_px**2 / 12.0 + 0.2
 
 
+@pytest.mark.parametrize('path_px', [0.5, 2.5, 8.0])
+def test_motion_keeps_even_light_and_has_no_favourite_side(path_px):
+    """Up to the borders: a mirrored picture with mirrored motion has the mirrored mean."""
+    image = np.random.default_rng(3).random((H, W)).astype(np.float32)
+    velocity = np.array([1.0, 0.6, 0.0]) * path_px / FOCAL * 3.0 / 0.01
+    mean = blur().mean(image, DEPTH_M, moving(velocity), 0.01)
+    for axis in (0, 1):
+        mirrored = np.flip(image, axis).copy()
+        turned = velocity * np.where(np.arange(3) == 1 - axis, -1.0, 1.0)
+        np.testing.assert_allclose(blur().mean(mirrored, DEPTH_M, moving(turned), 0.01),
+                                   np.flip(mean, axis), atol=2e-4)
+    even = blur().mean(np.ones_like(image), DEPTH_M, moving(velocity), 0.01)
+    np.testing.assert_allclose(even, 1.0, atol=1e-6)
+    assert mean.std() < 0.98 * image.std()
+
+
 def test_nothing_moves_at_rest():
     image = lines()
     assert blur().mean(image, DEPTH_M, moving(), 0.01) is image

@@ -150,6 +150,16 @@ def test_the_same_steps_give_the_same_bits():
     assert snapshots[0].height_m.tobytes() == snapshots[1].height_m.tobytes()
 
 
+def test_heights_of_samples_are_those_of_the_triangles_up_to_the_edge():
+    """Edges of the ground lie on samples, 10 from the middle; beyond them nothing is known."""
+    rough = np.random.default_rng(5).normal(size=(5, 5)).astype(np.float32)
+    ground = HeightGrid(rough, 0.025)
+    x, y = np.meshgrid(CELL_M * np.arange(-12, 14), CELL_M * np.arange(-11, 13))
+    expected = ground.height_at(np.stack([x, y], axis=-1))
+    np.testing.assert_allclose(heights(ground, -12, -11, 26, 24), expected, atol=1e-6)
+    assert np.isfinite(expected).sum() == 21**2
+
+
 def test_beyond_the_world_there_is_nothing_to_press():
     overlay, ground = Overlay(), flat(n=11)
     edge = ground.half_extent_m
