@@ -1,6 +1,7 @@
 """IMU noise: what was configured is what is in the signal."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from lunar_rover_sim.cli.main import execute
 from lunar_rover_sim.errors import ConfigError, StudyError
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise, noise_parameters, PRESETS
+from lunar_rover_sim.sensors.sensor import number
 from lunar_rover_sim.studies.imu import AllanCurve, fit_noise, NoiseFit, overlapping_allan
 
 RATE_HZ = 200.0
@@ -86,6 +88,10 @@ def test_disabled_noise_is_the_truth():
     many = noise.measure_many([REST], [[0.1, 0.2, 0.3]])
     for name, value in dataclasses.asdict(sample).items():
         np.testing.assert_array_equal(getattr(many, name), [value])
+
+
+def test_numbers_for_json_have_twelve_places_and_are_finite():
+    assert number(math.pi) == pytest.approx(math.pi, abs=6e-13) and number(math.nan) is None
 
 
 def test_scale_misalignment_range_and_resolution():
