@@ -9,15 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 import dataclasses
+import logging
 import math
 import typing
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from lunar_rover_sim.arguments import brief, INT64
 from lunar_rover_sim.errors import ConfigError, nearest
 from lunar_rover_sim.named_sets import checked_name, NAME, Named
+
+log = logging.getLogger(__name__)
 
 T = TypeVar('T', bound='Parameters')
 D = TypeVar('D')
@@ -80,7 +83,14 @@ def named(cls: type, default: Callable[[], Named[Any]] = Named) -> Any:
 
 
 class Parameters:
-    """Base of every frozen parameter set; checks each field against its declaration."""
+    """Base of every frozen parameter set; checks each field against its declaration.
+
+    Attributes:
+        gone: Parameters of earlier versions that change nothing any more, with their defaults:
+            recorded scenarios name them. They are read and left out.
+    """
+
+    gone: ClassVar[Mapping[str, Any]] = {}
 
     def __post_init__(self) -> None:
         hints = _hints(type(self))
@@ -112,6 +122,11 @@ class Parameters:
         values: dict[str, Any] = {}
         for key, value in nest(mapping, where).items():
             name = f'{where}.{key}' if where else key
+            if key in cls.gone:
+                if value != cls.gone[key]:
+                    log.warning('%s: there is no such parameter any more; %s is ignored',
+                                _shown(name), brief(value))
+                continue
             if key not in fields:
                 raise ConfigError(f'{_shown(name)}: no such parameter; {nearest(key, fields)}')
             if 'info' in fields[key].metadata:

@@ -16,6 +16,8 @@ from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 class Inner(Parameters):
     """A nested set."""
 
+    gone = {'colour': 'red'}
+
     size_m: float = param(1.0, 'size', unit='m', low=0.0, open_low=True)
     kind: str = param('a', 'kind', choices=('a', 'b'))
 
@@ -47,6 +49,15 @@ def test_round_trip() -> None:
     assert Outer.from_mapping(outer.to_mapping()) == outer
     assert {name for name, *_ in outer.flatten()} == {
         'count', 'on', 'offsets', 'names', 'inner.size_m', 'inner.kind'}
+
+
+def test_parameters_of_earlier_versions(caplog: pytest.LogCaptureFixture) -> None:
+    """They are left out; it is said of a value that was not the default."""
+    assert Outer.from_mapping({'inner.colour': 'red', 'inner.size_m': 2.0}).inner == Inner(2.0)
+    assert not caplog.records
+    assert Outer.from_mapping({'inner': {'colour': 'blue'}}).inner == Inner()
+    assert caplog.messages == ["inner.colour: there is no such parameter any more; 'blue' is "
+                               'ignored']
 
 
 def test_sets_that_users_name() -> None:

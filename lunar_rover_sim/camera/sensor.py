@@ -364,7 +364,7 @@ def _convert(first, last, electrons, offset, normal, key, shot,  # type: ignore[
         count //= 2
         shift -= np.uint32(1)
     noisy = shot > zero or read2 > zero
-    index, noise = np.empty(w, np.uint32), np.zeros(w, np.float32)
+    index, noise, numbers = np.empty(w, np.uint32), np.zeros(w, np.float32), np.empty(w, np.float32)
     for r in range(first, last):
         if noisy:
             for c in range(w):
@@ -380,15 +380,20 @@ def _convert(first, last, electrons, offset, normal, key, shot,  # type: ignore[
             # Shot and read noise are independent: one Gaussian of their joint variance.
             e = row[c] + np.sqrt(shot * max(row[c], zero) + read2) * noise[c]
             number = (min(e, well) + pattern[c]) * per_electron + black
-            number = min(max(np.floor(number + half), zero), largest)
-            if balanced:
-                number = min(np.floor(black + (number - black) * balance[r & 1, c & 1] + half),
-                             largest)
-            if root:
-                number = np.floor(np.sqrt(max(number - black, zero) * signal) * most + half)
-            else:
-                number = np.floor(number * scale)
-            out[c] = number
+            numbers[c] = min(max(np.floor(number + half), zero), largest)
+        if balanced:
+            for c in range(w):
+                number = np.floor(black + (numbers[c] - black) * balance[r & 1, c & 1] + half)
+                numbers[c] = min(number, largest)
+        if root:
+            for c in range(w):
+                numbers[c] = np.floor(np.sqrt(max(numbers[c] - black, zero) * signal) * most
+                                      + half)
+        else:
+            for c in range(w):
+                numbers[c] = np.floor(numbers[c] * scale)
+        for c in range(w):
+            out[c] = numbers[c]
 
 
 def bloom(electrons: NDArray[np.floating], well_e: float, share: float) -> NDArray[np.float64]:

@@ -16,6 +16,8 @@ from lunar_rover_sim.parameters import group, param, Parameters
 class DetailConfig(Parameters):
     """How much is drawn."""
 
+    gone = {'full_resolution_m': 2.5, 'exact_m': 14.0, 'cells_per_distance': 64.0}
+
     relief_rms_slope: float = param(
         0.11, 'RMS slope of each of the two tiles of relief below the grid; facets of rocks and '
         'the soil on them are in proportion', low=0.0, high=0.6)

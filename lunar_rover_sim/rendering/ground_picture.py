@@ -20,6 +20,8 @@ from lunar_rover_sim.rendering.ground_band import Band, GroundImage, GroundSourc
 from lunar_rover_sim.rendering.relief_map import ReliefShape
 from lunar_rover_sim.workers import Workers
 
+_ZERO, _FAR = np.float32(0.0), np.float32(1e9)
+
 
 @dataclasses.dataclass
 class Part:
@@ -143,6 +145,7 @@ def _cover(first, last, ground_depth, ground_radiance, depth,  # type: ignore[no
     for r in range(first, last):
         own, seen, light, out = ground_depth[r], depth[r], ground_radiance[r], radiance[r]
         for c in range(w):
-            shows = own[c] > 0.0 and (seen[c] == 0.0 or own[c] < -seen[c])
-            out[c] = light[c] if shows else out[c]
-            seen[c] = own[c] if shows else seen[c]
+            before = -seen[c] if seen[c] < _ZERO else _FAR
+            far = own[c] if own[c] > _ZERO else _FAR
+            out[c] = light[c] if far < before else out[c]
+            seen[c] = own[c] if far < before else seen[c]

@@ -23,7 +23,7 @@ _ROW, _RX, _RY, _RZ, _AX, _AY, _AZ = (k * _PAGE for k in range(6, 13))
 # Of its ray: horizontal length to depth 1, and a step that is safe over the height that it has.
 _ACROSS, _FALLS = 13 * _PAGE, 14 * _PAGE
 _X, _Y, _HEIGHT, _KEPT, _U, _V, _MET, _ON, _FINE = (k * _PAGE for k in range(15, 24))
-_A, _B, _C, _D = (k * _PAGE for k in range(24, 28))       # corners around a place
+_A, _B, _C = (k * _PAGE for k in range(24, 27))           # corners around a place
 _INDEX, _CORNER, _EAST, _NORTH, _BOTH = (k * _PAGE for k in range(5))
 
 _ZERO, _HALF, _ONE, _TWO, _TINY, _FAR = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0, 1e-9, 1e9))
@@ -143,13 +143,14 @@ def _add_relief(s, place, shape, scale, half, centre):  # type: ignore[no-untype
     shaped, middle_x, middle_y, reach = _NONE, centre[0], centre[1], centre[2]
     for j in range(_N):
         share = shape_share(s[_X + j] - middle_x, s[_Y + j] - middle_y, reach)
-        inside = max(abs(s[_X + j]), abs(s[_Y + j])) < half
-        share = share if inside else _ZERO
-        s[_FINE + j] = max(s[_FINE + j], share)
-        s[_ON + j] = share * s[_KEPT + j]
-        shaped += share > _ZERO
+        s[_ON + j] = share if max(abs(s[_X + j]), abs(s[_Y + j])) < half else _ZERO
+    for j in range(_N):
+        shaped += s[_ON + j] > _ZERO
     if shaped == 0:
         return
+    for j in range(_N):
+        s[_FINE + j] = max(s[_FINE + j], s[_ON + j])
+        s[_ON + j] *= s[_KEPT + j]
     texels = shape.ravel()
     n, wide = np.int32(shape.shape[0]), np.uint32(shape.shape[1])
     size = np.float32(n)
@@ -170,24 +171,25 @@ def _add_relief(s, place, shape, scale, half, centre):  # type: ignore[no-untype
         place[_NORTH + j] = np.uint32(high + np.uint32(west))
         place[_BOTH + j] = np.uint32(high + np.uint32(east))
     for j in range(_N):
-        s[_A + j] = np.float32(np.int32(texels[place[_INDEX + j]] & _WORD))
-        s[_B + j] = np.float32(np.int32(texels[place[_EAST + j]] & _WORD))
-        s[_C + j] = np.float32(np.int32(texels[place[_NORTH + j]] & _WORD))
-        s[_D + j] = np.float32(np.int32(texels[place[_BOTH + j]] & _WORD))
+        place[_INDEX + j], place[_EAST + j] = texels[place[_INDEX + j]], texels[place[_EAST + j]]
+        place[_NORTH + j], place[_BOTH + j] = texels[place[_NORTH + j]], texels[place[_BOTH + j]]
     for j in range(_N):
-        a, c = s[_A + j], s[_C + j]
-        a += s[_U + j] * (s[_B + j] - a)
-        c += s[_U + j] * (s[_D + j] - c)
+        a = np.float32(np.int32(place[_INDEX + j] & _WORD))
+        b = np.float32(np.int32(place[_EAST + j] & _WORD))
+        c = np.float32(np.int32(place[_NORTH + j] & _WORD))
+        d = np.float32(np.int32(place[_BOTH + j] & _WORD))
+        a += s[_U + j] * (b - a)
+        c += s[_U + j] * (d - c)
         a += s[_V + j] * (c - a)
         s[_HEIGHT + j] += s[_ON + j] * (a - _MIDDLE) * _HEIGHTS
 
 
 @vectorised
-def _cast(depth, first, end, view, limits, heights, levels, offsets,  # type: ignore[no-untyped-def]
-         shape, relief, centre, has_tracks, box, windows, touched, near, side):
+def _cast(depth, first, end, view, limits, heights, levels,  # type: ignore[no-untyped-def]
+          offsets, shape, relief, centre, has_tracks, box, windows, touched, near, side):
     """Fill in at most _N columns of an image; the arguments are those of `cast`."""
     h, w = len(depth) - 1, depth.shape[1]
-    s, place = np.zeros(28 * _PAGE, np.float32), np.zeros(5 * _PAGE, np.uint32)
+    s, place = np.zeros(27 * _PAGE, np.float32), np.zeros(5 * _PAGE, np.uint32)
     image, wide, outside = depth.ravel(), np.uint32(w), np.float32(h)
     ex, ey, ez, right_x, right_y = view[9], view[10], view[11], view[3], view[4]
     down_x, down_y, down_z = view[6], view[7], view[8]
@@ -261,7 +263,8 @@ def _cast(depth, first, end, view, limits, heights, levels, offsets,  # type: ig
             high, f_high = (s[_HIGH + j] if f > _ZERO else t), (s[_F_HIGH + j] if f > _ZERO else f)
             turn = turn + min(turn, _ONE) if f > _ZERO else turn + _ONE
             between = low + (high - low) * f_low / max(f_low - f_high, _TINY)
-            further = t + _step(t, f, s[_ACROSS + j], s[_FALLS + j], s[_FINE + j], cell, pixel, lifted)
+            further = t + _step(t, f, s[_ACROSS + j], s[_FALLS + j], s[_FINE + j], cell, pixel,
+                                lifted)
             s[_LOW + j], s[_F_LOW + j], s[_HIGH + j], s[_F_HIGH + j] = low, f_low, high, f_high
             missed = _TWO if further > farthest else _ZERO
             s[_TURN + j], s[_T + j] = turn, between if turn > _ZERO else further

@@ -1,4 +1,4 @@
-"""From a camera's pose and intrinsics to clip space, view volume and image rows.
+"""From a camera's pose and intrinsics to clip space and view volume.
 
 A camera's pose is `T_world_camera` (4, 4), that of its optical frame in the world.
 """
@@ -10,7 +10,6 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.world.model import World
 
@@ -107,33 +106,3 @@ class Projection:
             normals.append(-axis + forward * ((size - middle - 0.5) / focal))
         normals.append(forward)
         return np.array([[*(n / np.linalg.norm(n)), apart + _MARGIN_M] for n in normals])
-
-    def covered_rows(self, boxes: Array, T_world_camera: Array) -> tuple[int, int]:
-        """Return the first image row that (m, 2, 3) boxes may cover, and the one after the last.
-
-        Args:
-            boxes: Least and greatest coordinates, world frame [m].
-        """
-        first, last = _rows(boxes, T_world_camera, self.K[1, 1], self.K[1, 2], self.near_m,
-                            self.height)
-        return int(first), int(last)
-
-
-@compiled
-def _rows(boxes, camera, focal, middle, near, height):  # type: ignore[no-untyped-def]
-    """Return `covered_rows` of a (4, 4) camera; focal, middle: of the rows [px]."""
-    least, most, reaches = np.inf, -np.inf, False
-    for box in boxes:
-        for corner in range(8):
-            down = ahead = 0.0
-            for axis in range(3):
-                x = box[(corner >> axis) & 1, axis] - camera[axis, 3]
-                down += x * camera[axis, 1]
-                ahead += x * camera[axis, 2]
-            if ahead > near:
-                row = focal * down / ahead + middle
-                least, most = min(least, row), max(most, row)
-            else:
-                reaches = True      # the camera
-    first = min(max(np.floor(least) - 1.0, 0.0), height - 1.0)
-    return first, height if reaches else min(max(np.ceil(most) + 2.0, first + 1.0), height)

@@ -30,18 +30,6 @@ def any_positive(values, start):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def grid_cell(x, y, lattice):  # type: ignore[no-untyped-def]
-    """Return column and row of the cell of the finest grid around a place, and its place in it.
-
-    lattice: 1 / cell [1/m], half and last whole index of cells.
-    """
-    u, v = x * lattice[0] + lattice[1], y * lattice[0] + lattice[1]
-    column = min(max(np.floor(u), _ZERO), lattice[2])
-    row = min(max(np.floor(v), _ZERO), lattice[2])
-    return np.int64(column), np.int64(row), u - column, v - row
-
-
-@inlined
 def byte(word):  # type: ignore[no-untyped-def]
     """Return the lowest byte of a word."""
     return np.float32(np.int32(word & np.uint32(255)))

@@ -184,9 +184,10 @@ class ScenePasses(GlOwner):
                 truth = self._truth_of(scene, drawing, side)
                 sources = [source.light_on_ground(light, None if k else lamp)
                            for k, (source, light) in enumerate(self._lights(scene, drawing, side))]
+                lit = side in drawing.lit_sides or 'shadow' in truth
                 parts[number, side] = Part(
-                    drawing, side, scene.depth_m[number, side], side in drawing.lit_sides or 'shadow' in truth, self._colour,
-                    truth, shared.ground.relief, scene.tracks.lit, sources,
+                    drawing, side, scene.depth_m[number, side], lit, self._colour, truth,
+                    shared.ground.relief, scene.tracks.lit, sources,
                     shared.crater_lists() if 'crater' in truth else None)
         return GroundPicture(shared.workers, parts)
 

@@ -24,7 +24,7 @@ from lunar_rover_sim.illumination.sun_disc import disc_radiance, limb_darkening
 from lunar_rover_sim.illumination.sunlight import Sunlight
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import clear_window, release_all
-from lunar_rover_sim.rendering.ground import Ground, SeenTracks
+from lunar_rover_sim.rendering.ground import Ground
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
 from lunar_rover_sim.rendering.rock_pass import RockPass
 from lunar_rover_sim.rendering.rover_pass import RoverPass
@@ -108,8 +108,8 @@ class SunPass:
         narrow = dataclasses.replace(volume, planes=self._narrow.planes(views))
         if ground:
             scene.sun.over_ground = np.stack([occluders.ground.depth(
-                view_numbers(view, self._narrow, volume.centre_m), self._narrow, SeenTracks(),
-                occluders.workers) == 0.0 for view in views])
+                view_numbers(view, self._narrow, volume.centre_m), self._narrow,
+                occluders.ground.tracks_in(narrow), occluders.workers) == 0.0 for view in views])
         occluders.rocks.choose(narrow, self._projection.focal_px, self._rock_min_px)
         n = self._n
         for side in scene.request.lit_sides:

@@ -1,6 +1,5 @@
 """Where the renderer draws things: depth, labels and normals against rays, grid and joints."""
 
-import contextlib
 import dataclasses
 
 import camera_scene as scene
@@ -16,7 +15,6 @@ from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.model import build_model
 from lunar_rover_sim.rendering.config import RenderConfig
-from lunar_rover_sim.rendering.context import create_context
 from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK, LABEL_GROUND, LABEL_SKY, rover_links
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.rock_meshes import MOST_APART
@@ -35,16 +33,6 @@ def renderer(world):
     config = RenderConfig(sun=scene.RELIEF_SUN)
     with Renderer(world, scene.ROVER, config) as renderer:
         yield renderer
-
-
-@contextlib.contextmanager
-def created_context():
-    context = create_context()
-    try:
-        with context:
-            yield context
-    finally:
-        context.release()
 
 
 def mujoco_model(world):
