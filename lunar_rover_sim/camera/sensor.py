@@ -364,7 +364,8 @@ def _convert(first, last, electrons, offset, normal, key, shot,  # type: ignore[
         count //= 2
         shift -= np.uint32(1)
     noisy = shot > zero or read2 > zero
-    index, noise, numbers = np.empty(w, np.uint32), np.zeros(w, np.float32), np.empty(w, np.float32)
+    index, noise = np.empty(w, np.uint32), np.zeros(w, np.float32)
+    numbers = np.empty(w, np.float32)
     for r in range(first, last):
         if noisy:
             for c in range(w):

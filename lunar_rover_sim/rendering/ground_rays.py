@@ -28,12 +28,14 @@ _INDEX, _CORNER, _EAST, _NORTH, _BOTH = (k * _PAGE for k in range(5))
 
 _ZERO, _HALF, _ONE, _TWO, _TINY, _FAR = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0, 1e-9, 1e9))
 _NONE: Any = 0                      # to count from
-_TURNS = np.float32(2.0)
-# Least length of a step in cells of the finest grid, also for pixels of a size at depth 1; where
-# relief below the grid or tracks have shape [m]. Over the distance it is some pixels, which is how
-# much of what lies between two steps may be missed.
+# Looks between points above and below the ground, at most, and how close is close enough [px].
+_TURNS, _CLOSE = np.float32(4.0), np.float32(0.02)
+# A step is a pixel long, or more: a part of a cell of the finest grid, also over the size of a
+# pixel; where relief below the grid or tracks have shape, some millimetres [m]. It is at most some
+# pixels long, and as often as long as the ray is high over the ground: of what lies between two
+# steps something may be missed that is that much lower than they are long.
 _CELLS, _CELLS_OF_PIXEL, _FINE_M = np.float32(0.2), np.float32(90.0), np.float32(0.0045)
-_PIXELS, _FINE_PIXELS, _MOST_SHARE = np.float32(7.0), np.float32(1.8), np.float32(1.0 / 32.0)
+_PIXELS, _FINE_PIXELS, _OVER = np.float32(10.0), np.float32(1.8), np.float32(16.0)
 _TRACKS_M = np.float32(0.03)        # most that tracks rise over the grid
 # Of the way to where the ground is met if it goes on as it was: how far the first look is.
 _AHEAD = np.float32(1.25)
@@ -52,10 +54,9 @@ def _step(t, f, across, falls, fine, cell, pixel, lifted):  # type: ignore[no-un
         fine: Above 0 where relief or tracks have shape; elsewhere `cell` is the least step.
         pixel: Size of one at depth 1; `lifted`: most that relief and tracks rise over the grid.
     """
-    least = _FINE_M if fine > _ZERO else cell
-    pixels = _FINE_PIXELS if fine > _ZERO else _PIXELS
-    share = min(pixels * pixel, _MOST_SHARE)
-    return max(max(least / max(across, _HALF), share * t), (f - lifted) * falls)
+    least = max((_FINE_M if fine > _ZERO else cell) / max(across, _HALF), pixel * t)
+    most = (_FINE_PIXELS if fine > _ZERO else _PIXELS) * pixel * t
+    return max(max(least, min(most, _OVER * f)), (f - lifted) * falls)
 
 
 @vectorised
@@ -268,7 +269,8 @@ def _cast(depth, first, end, view, limits, heights, levels,  # type: ignore[no-u
             s[_LOW + j], s[_F_LOW + j], s[_HIGH + j], s[_F_HIGH + j] = low, f_low, high, f_high
             missed = _TWO if further > farthest else _ZERO
             s[_TURN + j], s[_T + j] = turn, between if turn > _ZERO else further
-            met = _ONE if turn > _TURNS else _ZERO
+            close = _TURNS if abs(f) < _CLOSE * pixel * t else _ZERO
+            met = _ONE if turn + (close if turn > _ONE else _ZERO) > _TURNS else _ZERO
             s[_MET + j] = met if turn > _ZERO else missed
         going = 0
         for j in range(_N):

@@ -143,7 +143,8 @@ def test_depth_is_that_of_the_world_of_physics():
             frame = renderer.render(RoverPose(pose), 0, ('depth', 'label'))
             camera = pose @ renderer.rig.T_base_left
             rays = renderer.rig.rays()
-            rows, columns = np.nonzero(frame.label >= LABEL_FIRST_ROCK)
+            rock = frame.label - LABEL_FIRST_ROCK
+            rows, columns = np.nonzero((rock >= 0) & (rock < len(built.rocks)))
             pick = rng.integers(0, len(rows), 400)
             pixels = {'anywhere': (rng.integers(0, 480, 800), rng.integers(0, 640, 800)),
                       'on rocks': (rows[pick], columns[pick])}
