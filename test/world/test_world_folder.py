@@ -153,8 +153,9 @@ def test_arrays_are_bounded_and_never_unpickled(folder):
     damaged(folder, 'height_0.npy')
     np.save(folder / 'height_0.npy', np.array([[{}]], object), allow_pickle=True)
     damaged(folder, 'height_0.npy')
-    np.save(folder / 'height_0.npy', np.zeros((65, 60), np.float32))
-    damaged(folder, 'not a square')
+    for heights in (np.zeros((65, 60), np.float32), np.zeros((65, 65)), np.zeros(65, np.float32)):
+        np.save(folder / 'height_0.npy', heights)
+        damaged(folder, 'not a square')
     (folder / 'height_0.npy').write_bytes(good[:1000])
     damaged(folder, 'height_0.npy')
     (folder / 'height_0.npy').write_bytes(good)
