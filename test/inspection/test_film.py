@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from conftest import PLAIN
 import cv2
 import numpy as np
 from PIL import Image
@@ -41,7 +42,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     items = [item for item in synthetic.drive(0.5)
              if item.topic not in (topics.WORLD_HASH.name, topics.SCENARIO.name)]
     for topic, data in ((topics.WORLD_HASH, moon.hash),
-                        (topics.SCENARIO, Scenario.load('soft').to_yaml())):
+                        (topics.SCENARIO, Scenario.load('soft', PLAIN).to_yaml())):
         items.insert(0, synthetic.text(topic, data))
     items += ground_items(0.5)
     order = sorted(items, key=lambda item: item.fallback_ns or header_ns(item))
