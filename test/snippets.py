@@ -1,10 +1,12 @@
-"""Code blocks of the README and of the pages in docs/."""
+"""Code blocks of the README and of the pages in docs/, and files of Python as modules."""
 
 from collections.abc import Iterator
 import dataclasses
+import importlib.util
 from pathlib import Path
 import re
 import shlex
+from types import ModuleType
 
 ROOT = Path(__file__).resolve().parents[1]
 _FENCE = re.compile(r'^( *)```(\w*)\n(.*?)^\1```$', re.DOTALL | re.MULTILINE)
@@ -53,3 +55,12 @@ def commands(snippet: Snippet) -> Iterator[list[str]]:
             words = words[:-1]
         if words:
             yield words
+
+
+def module_of(path: Path) -> ModuleType:
+    """Return a file as a module, which is executed anew."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

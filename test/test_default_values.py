@@ -11,7 +11,6 @@ from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import EarthConfig, LampConfig, SunConfig
 from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig
 from lunar_rover_sim.rover.description import Legs, RoverDescription
-from lunar_rover_sim.run import node_config
 from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig
 from lunar_rover_sim.sensors.solar_panel import SolarPanelConfig
 from lunar_rover_sim.sensors.star_tracker import StarTrackerConfig
@@ -95,12 +94,6 @@ def test_the_default_lamp_shows_relief_to_the_cameras():
     assert 0.0 < z < mount.position_m[2]
     assert mount.baseline_m / 2.0 < y < 0.15
     assert abs(x - mount.position_m[0]) < 0.1
-
-
-def test_the_defaults_of_all_nodes_go_together():
-    """Rates divide one another, ranges are not empty, the matcher fits into the image."""
-    for name in ('PhysicsNodeConfig', 'RenderNodeConfig'):
-        assert getattr(node_config, name)() == getattr(node_config, name)()
 
 
 def test_what_is_extra_is_off_until_it_is_asked_for():

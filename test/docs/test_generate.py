@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from types import ModuleType
 
 import pytest
-from snippets import ROOT
+from snippets import module_of, ROOT
 
 from lunar_rover_sim.run.node_config import NODE_CONFIGS, RenderNodeConfig
 from lunar_rover_sim.topics import CONTRACT
@@ -18,11 +17,7 @@ pytest.importorskip('grimp')
 def script(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """Import a script of docs/."""
     monkeypatch.syspath_prepend(str(ROOT / 'docs'))
-    spec = importlib.util.spec_from_file_location(name, ROOT / 'docs' / f'{name}.py')
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(ROOT / 'docs' / f'{name}.py')
 
 
 def test_reduction_and_floors(monkeypatch: pytest.MonkeyPatch) -> None:

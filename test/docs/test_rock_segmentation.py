@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from pathlib import Path
 import sys
@@ -10,6 +9,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from snippets import module_of
 
 from lunar_rover_sim.files.images import png_bytes
 from lunar_rover_sim.sequences.shards import npy_bytes, ShardWriter
@@ -17,17 +17,9 @@ from lunar_rover_sim.sequences.shards import npy_bytes, ShardWriter
 DOCS = Path(__file__).resolve().parents[2] / 'docs'
 
 
-def script(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, DOCS / f'{name}.py')
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture(scope='module')
 def masks() -> ModuleType:
-    return script('rock_masks')
+    return module_of(DOCS / 'rock_masks.py')
 
 
 def test_shards_are_read_and_small_rocks_do_not_count(masks: ModuleType, tmp_path: Path) -> None:
@@ -81,5 +73,5 @@ def test_scores_are_those_of_counted_pixels(masks: ModuleType) -> None:
 def test_the_network_has_the_size_of_its_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     torch = pytest.importorskip('torch')
     monkeypatch.setattr(sys, 'path', [str(DOCS), *sys.path])
-    network = script('rock_segmentation').Net()
+    network = module_of(DOCS / 'rock_segmentation.py').Net()
     assert network(torch.zeros(2, 48, 64)).shape == (2, 48, 64)

@@ -1,6 +1,5 @@
 """Every example runs, on a small world with small images, and does what it says."""
 
-import importlib.util
 import os
 from pathlib import Path
 import struct
@@ -12,6 +11,7 @@ import cv2
 import matplotlib
 import numpy as np
 import pytest
+from snippets import module_of
 import synthetic_bag
 
 from lunar_rover_sim import open_bag, Scenario
@@ -25,11 +25,7 @@ TESTED = {'step_and_draw', 'record_and_read', 'frames_as_numpy', 'own_scenario',
 
 def example(name: str) -> ModuleType:
     """Return an example as a module."""
-    spec = importlib.util.spec_from_file_location(name, FOLDER / f'{name}.py')
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(FOLDER / f'{name}.py')
 
 
 @pytest.fixture(autouse=True)
