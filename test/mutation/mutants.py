@@ -30,7 +30,7 @@ MOST_S = 3600.0     # of CPU time of a file of tests
 TESTS = [*(f'test/{room}' for room in ROOMS), 'test/cli', 'test/files', 'test/inspection',
          'test/lidar', 'test/rendering', 'test/sequences', 'test/slam', 'test/usd',
          'test/test_default_values.py', 'test/test_frames.py', 'test/test_parameter_ranges.py',
-         'test/test_values.py']
+         'test/test_python_api.py', 'test/test_values.py']
 
 
 def applied(mutant: Mutant, code: str) -> str | None:

@@ -86,6 +86,17 @@ def test_a_slope_holds_up_to_the_friction_angle(friction, yaw_deg):
     assert free > 0.5 * 1.62 * (np.sin(slope) - friction * np.cos(slope))
 
 
+@pytest.mark.parametrize('damping', [100.0, 1000.0])
+def test_held_feet_creep_by_load_over_shear_damping(damping):
+    slope = np.radians(10.0)
+    with simulate(make_world(plane_heights(10.0)),
+                  contact=ContactConfig(shear_damping_nspm=damping)) as simulation:
+        before, contacts = simulation.advance(50).position_m, simulation.data.ncon
+        after = simulation.advance(200).position_m
+        creep_mps = np.linalg.norm(after - before) / (200 * simulation.config.step_s)
+    assert creep_mps == pytest.approx(WEIGHT_N * np.sin(slope) / (contacts * damping), rel=0.3)
+
+
 def test_facet_edges_hold_a_little_more():
     """On 2.5 cm cells a tip may rest against an edge of a facet: free 2 deg beyond atan(mu)."""
     limit = np.degrees(np.arctan(0.5))

@@ -1,5 +1,7 @@
 """Errors of a disparity map against the truth, and their causes."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -147,6 +149,11 @@ def test_errors_are_counted_above_one_and_two_pixels():
     assert summary['bad-2'] == pytest.approx(1.0 / HEIGHT)
     assert summary['end-point error [px]'] == pytest.approx(5.0 / HEIGHT)
     assert summary['RMS error [px]'] == pytest.approx(np.sqrt((1.0 + 2.25 + 6.25) / HEIGHT))
+    # Causes of what is not matched are shares of it, with a rest.
+    causes = dict(zip(('margin', 'occluded', 'shadowed', 'saturated', 'flat'), (1, 2, 3, 4, 5)))
+    shares = dataclasses.replace(errors, matched=errors.ground - 20, **causes).summary()
+    assert [value for name, value in shares.items() if name.startswith('invalid')] \
+        == pytest.approx([0.05, 0.1, 0.15, 0.2, 0.25, 0.25])
     # What is off by more than the bins reach is in the last one.
     far = judged(even(128), np.full_like(disparity, TRUTH + 4.5))
     assert len(far.signed_counts) == 512 and far.signed_counts[-1] == far.matched
