@@ -78,6 +78,9 @@ def test_more_bad_input(tmp_path):
         evaluate(truth, still)
     with pytest.raises(EvaluationError, match='no horizontal motion'):
         evaluate(truth, still, align='yaw')
+    with pytest.raises(EvaluationError, match='pose 3 is not finite'):
+        dataclasses.replace(truth, positions_m=np.where(np.arange(100)[:, None] == 3, np.nan, 0.0)
+                            * np.ones(3))
     for stamps, pose in (([2, 1], 1), ([1, 2, 2], 2)):
         n = len(stamps)
         with pytest.raises(EvaluationError, match=f'stamps do not increase: pose {pose}'):

@@ -137,7 +137,8 @@ def test_speed_and_its_variance():
     along = 4.0 * 0.25 * count_m**2 / 12.0 / 0.005**2
     half_track_m = ROVER.legs.axle_positions_m()[0][1]
     assert not odometry.twist.any()
-    assert odometry.twist_variance == pytest.approx([along, along, along / half_track_m**2])
+    assert odometry.twist_variance == pytest.approx([along, along, along / half_track_m**2],
+                                                    rel=1e-9, abs=0.0)
     odometry.add([0.01] * 4, 0.005)
     way = 0.01 * ROVER.legs.spoke_length_m
     assert odometry.twist == pytest.approx([way / 0.005, 0.0], rel=1e-3)
