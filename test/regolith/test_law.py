@@ -190,8 +190,8 @@ def test_forces_of_a_tip_are_those_of_the_law(seed):
     soil = record('highland')
     slope = rng.uniform(-0.25, 0.25, 2)
     normal = np.array([*-slope, 1.0]) / math.sqrt(1.0 + slope @ slope)
-    plastic, before, way = rng.uniform(0.002, 0.03), rng.uniform(0.0, 0.0006), 0.002
-    depth = plastic + before + rng.uniform(-2e-4, 2e-4)
+    plastic, before, way = rng.uniform(0.002, 0.03), rng.uniform(-0.0003, 0.0006), 0.002
+    depth = plastic + rng.uniform(-2e-4, 8e-4)
     x, y = at = rng.uniform(-0.2, 0.2, 2)
     velocity = rng.normal(scale=0.1, size=3)
     rate = rng.normal(size=3)
@@ -201,7 +201,7 @@ def test_forces_of_a_tip_are_those_of_the_law(seed):
     let_yield(tip, soil, flat_ground(*slope), Overlay())
 
     slipped = STEP_S * max(0.0, law.slip_mps(tip, R) - 1e-4) if depth > plastic else 0.0
-    lean = law.lean_of(tip) if depth > 2.0 * R else 0.0
+    lean, before = law.lean_of(tip) if depth > 2.0 * R else 0.0, max(before, 0.0)
     steep = math.hypot(*slope)
     part = law.bearing_on_slope(steep, soil)
     elastic = law.yielded(depth, plastic, before, slipped, part, lean, soil, dig_table(GENERIC),
@@ -230,16 +230,19 @@ def test_forces_of_a_tip_are_those_of_the_law(seed):
 def test_a_tip_meets_what_lies_ahead_in_proportion_to_its_way(former):
     """In a print that leans; ahead of the ball, the ground is as it was, or an earlier print."""
     soil, overlay, way = record(), Overlay(), np.array([3e-4, -4e-4])
-    overlay.put(-20, -20, np.full((41, 41), -2.0 * former),
-                np.full((41, 41), former * soil['compacted']))
+    i = np.arange(-20, 21) * 0.005
+    bank = 0.1 * i[None, :] - 0.2 * i[:, None] if former == 0.0 else np.zeros((41, 41))
+    overlay.put(-20, -20, bank - 2.0 * former, np.full((41, 41), former * soil['compacted']))
     lean, change, depth = np.array([0.2, -0.1]), -0.003, 0.005
     tip = tip_at(*way, R - depth + change, change=change, tilt=lean, in_ground=True, depth=depth,
                  plastic=depth, normal=(0.0, 0.0, 1.0))
     let_yield(tip, soil, flat_ground(), overlay)
     # Ahead is a cell and a half beyond the ball at the surface; all is met after twice as far.
-    part = 5e-4 / (2.0 * (math.sqrt(depth * (2.0 * R - depth)) + 0.0075))
+    ahead = math.sqrt(depth * (2.0 * R - depth)) + 0.0075
+    part, place = 5e-4 / (2.0 * ahead), way + ahead * way / 5e-4
+    met = 0.1 * place[0] - 0.2 * place[1] if former == 0.0 else -former
     along = change + lean @ way
-    assert tip['change'] == pytest.approx(along + part * (-former - along), abs=1e-9)
+    assert tip['change'] == pytest.approx(along + part * (met - along), abs=1e-9)
     np.testing.assert_allclose(tip['tilt'], (1.0 - part) * lean)
 
 
