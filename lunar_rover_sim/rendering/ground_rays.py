@@ -34,8 +34,8 @@ _TURNS, _CLOSE = np.float32(4.0), np.float32(0.02)
 # pixel; where relief below the grid or tracks have shape, some millimetres [m]. It is at most some
 # pixels long, and as often as long as the ray is high over the ground: of what lies between two
 # steps something may be missed that is that much lower than they are long.
-_CELLS, _CELLS_OF_PIXEL, _FINE_M = np.float32(0.2), np.float32(90.0), np.float32(0.0045)
-_PIXELS, _FINE_PIXELS, _OVER = np.float32(10.0), np.float32(1.8), np.float32(16.0)
+_CELLS, _CELLS_OF_PIXEL, _FINE_M = np.float32(0.2), np.float32(90.0), np.float32(0.003)
+_PIXELS, _FINE_PIXELS, _OVER = np.float32(10.0), np.float32(1.2), np.float32(16.0)
 _TRACKS_M = np.float32(0.03)        # most that tracks rise over the grid
 # Of the way to where the ground is met if it goes on as it was: how far the first look is.
 _AHEAD = np.float32(1.25)

@@ -155,10 +155,10 @@ def test_normals_are_those_of_the_heights(views):
 
 
 def test_ground_hides_its_shadows_away_from_the_sun(views):
-    """Dark ground by phase angle is what rays and slopes find, within 1.5 points (0.0 to 0.9).
+    """Dark ground by phase angle is what rays and slopes find, within 1.5 points (0.1 to 1.0).
 
-    In brackets those of 60,000 pixels. Texels of shadow are means. Without shape 8 % were dark at
-    1.5 to 3 deg. The mean is that of the law without a factor.
+    Texels of shadow are means. Without shape 8 % were dark at 1.5 to 3 deg. The mean is that of
+    the law without a factor.
     """
     phase_deg, lit = joined(views, 'phase_deg'), joined(views, 'lit')
     radiance, law = joined(views, 'radiance'), joined(views, 'law')
@@ -198,9 +198,9 @@ def test_pebbles_cast_shadows_under_the_lamp():
     dark = light < 0.1 * np.median(light)
     assert (~said).mean() > 0.01
     hit = dark[~said].mean()
-    # By rays of many more steps it is 0.745 too.
-    assert hit > 0.7 and dark[~turned].mean() < 0.5
-    assert dark[said].mean() < 0.08     # slopes that face away, and edges
+    assert hit > 0.75 and dark[~turned].mean() < 0.5
+    # Slopes that face away, and edges; before the lamp's map had the relief, pits were black.
+    assert dark[said].mean() < 0.035
     # Under a lamp of twice the height shadows would be shorter: their ends are dark, too.
     assert dark[shorter & ~said].mean() > 0.7
 
