@@ -115,7 +115,7 @@ def cover(image: LitImage, ground: GroundImage, workers: Workers) -> None:
     radiance = ground.radiance if ground.radiance is not None else ground.depth_m
     workers.rows(_cover, len(radiance), ground.depth_m, radiance, image.depth_m, image.radiance)
     if image.tint is not None and ground.tint is not None:
-        np.copyto(image.tint, ground.tint, where=(image.depth_m > 0.0)[..., None])
+        workers.rows(_cover_tint, len(radiance), image.depth_m, ground.tint, image.tint)
 
 
 def cover_depth(depth_m: NDArray[np.float32], ground_m: NDArray[np.float32],
@@ -149,3 +149,14 @@ def _cover(first, last, ground_depth, ground_radiance, depth,  # type: ignore[no
             far = own[c] if own[c] > _ZERO else _FAR
             out[c] = light[c] if far < before else out[c]
             seen[c] = own[c] if far < before else seen[c]
+
+
+@compiled
+def _cover_tint(first, last, depth, ground, tint):  # type: ignore[no-untyped-def]
+    """Write the colour of the ground into rows of (h, w, 2) where (h, w) depth is of it."""
+    w = depth.shape[1]
+    for r in range(first, last):
+        seen, own, out = depth[r], ground[r], tint[r]
+        for c in range(w):
+            for k in range(2):
+                out[c, k] = own[c, k] if seen[c] > _ZERO else out[c, k]

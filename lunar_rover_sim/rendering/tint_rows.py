@@ -2,41 +2,46 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from lunar_rover_sim.compiled import compiled
+from lunar_rover_sim.compiled import inlined, vectorised
+from lunar_rover_sim.rendering.row_math import any_positive, CHUNK, exp2, log2, PAGE
 
-_ONE, _THREE = np.float32(1.0), np.float32(3.0)
+_N, _PAGE = CHUNK, PAGE
+_PATCHES, _FRESH, _SUN, _LIT, _PHASE, _LOG = (k * _PAGE for k in range(6))
+
+_ZERO, _HALF, _ONE, _THREE = (np.float32(x) for x in (0.0, 0.5, 1.0, 3.0))
 _ACROSS, _ALONG = np.float32(1.0 / 23.0), np.float32(1.0 / 5.0)
 _MOVED, _WIDE, _NARROW = np.float32(7.5), np.float32(1.92), np.float32(1.33)
+_DARKEST, _LEAST, _LEAST_SHARE = (np.float32(x) for x in (0.2, 1e-9, 1e-3))
+_LOG_2, _PER_LOG, _AT_30_DEG = (np.float32(x) for x in (np.log(2.0), 1.0 / np.log(2.0), 0.258819))
+_CODES, _QUARTER = np.float32(65535.0), np.float32(0.25 * 65535.0)
 
 
-@compiled
+@inlined
 def _corner_value(i, j):  # type: ignore[no-untyped-def]
     """Return the random value of a corner of a lattice, -1 to 1."""
     h = np.uint32(np.uint32(i) * np.uint32(0x9e3779b9) + np.uint32(j) * np.uint32(0x85ebca6b))
     h = np.uint32(np.uint32(h ^ (h >> np.uint32(15))) * np.uint32(0x846ca68b))
-    return np.float32((h ^ (h >> np.uint32(16))) & np.uint32(0xffff)) * np.float32(
-        2.0 / 65535.0) - _ONE
+    bits = np.int32((h ^ (h >> np.uint32(16))) & np.uint32(0xffff))
+    return np.float32(bits) * np.float32(2.0 / 65535.0) - _ONE
 
 
-@compiled
+@inlined
 def _patch_value(x, y):  # type: ignore[no-untyped-def]
     """Return the value between the corners of a lattice, -1 to 1."""
     column, row = np.floor(x), np.floor(y)
     u, v = x - column, y - row
-    i, j = np.int32(column), np.int32(row)
+    i, j, one = np.int32(column), np.int32(row), np.int32(1)
+    east, north = np.int32(i + one), np.int32(j + one)
     u, v = u * u * (_THREE - u - u), v * v * (_THREE - v - v)
-    one = np.int32(1)
-    low, high = _corner_value(i, j), _corner_value(i, j + one)
-    low += u * (_corner_value(i + one, j) - low)
-    high += u * (_corner_value(i + one, j + one) - high)
+    low, high = _corner_value(i, j), _corner_value(i, north)
+    low += u * (_corner_value(east, j) - low)
+    high += u * (_corner_value(east, north) - high)
     return low + v * (high - low)
 
 
-@compiled
+@vectorised
 def tint_of(depth, x, y, albedo, cos_sun, cos_lamp,  # type: ignore[no-untyped-def]
             of_sun, of_lamp, whole, soil, spread, place, lamp, red, blue):
     """Fill in red and blue over green of each pixel of a band, as `mosaic.TINT_ONE` stores them.
@@ -54,23 +59,38 @@ def tint_of(depth, x, y, albedo, cos_sun, cos_lamp,  # type: ignore[no-untyped-d
         lamp: Light of the lamp over that of the sun, logarithms.
         red, blue: (n,) uint16.
     """
-    for k in range(len(depth)):
-        if depth[k] <= 0.0:
+    s = np.empty(6 * _PAGE, np.float32)
+    moved_x, moved_y = place[0], place[1]
+    for c in range(len(depth) // _N):
+        i = c * _N
+        if not any_positive(depth, i):
             continue
-        p, q = x[k] + place[0], y[k] + place[1]
-        patches = _WIDE * _patch_value(p * _ACROSS, q * _ACROSS) + _NARROW * _patch_value(
-            q * _ALONG + _MOVED, p * _ALONG + _MOVED)
-        fresh = math.log(max(albedo[k], 0.2))
-        light = max(whole[k], 1e-9)
-        sun, lit = of_sun[k] / light, of_lamp[k] / light
-        direct = sun + lit
-        cosine = (cos_sun[k] * sun + cos_lamp[k] * lit) / max(direct, 1e-3)
-        phase = math.sqrt(max(0.5 - 0.5 * cosine, 0.0)) - 0.258819
+        for j in range(_N):
+            p, q = x[i + j] + moved_x, y[i + j] + moved_y
+            s[_PATCHES + j] = _WIDE * _patch_value(p * _ACROSS, q * _ACROSS)
+        for j in range(_N):
+            p, q = x[i + j] + moved_x, y[i + j] + moved_y
+            s[_PATCHES + j] += _NARROW * _patch_value(q * _ALONG + _MOVED, p * _ALONG + _MOVED)
+        for j in range(_N):
+            s[_FRESH + j] = _LOG_2 * log2(max(albedo[i + j], _DARKEST))
+        for j in range(_N):
+            light = max(whole[i + j], _LEAST)
+            s[_SUN + j], s[_LIT + j] = of_sun[i + j] / light, of_lamp[i + j] / light
+        for j in range(_N):
+            sun, lit = s[_SUN + j], s[_LIT + j]
+            cosine = (cos_sun[i + j] * sun + cos_lamp[i + j] * lit) / max(sun + lit, _LEAST_SHARE)
+            s[_PHASE + j] = np.sqrt(max(_HALF - _HALF * cosine, _ZERO)) - _AT_30_DEG
         for n in range(2):
-            log = (soil[n] + spread[n] * patches + spread[2 + n] * fresh
-                   + soil[2 + n] * phase * direct + soil[n] * (1.0 - direct) + lamp[n] * lit)
-            code = np.uint16(min(max(65535.0 * 0.25 * math.exp(log), 0.0), 65535.0) + 0.5)
-            if n:
-                blue[k] = code
-            else:
-                red[k] = code
+            own, slope, light = soil[n], soil[2 + n], lamp[n]
+            patch, fresh = spread[n], spread[2 + n]
+            for j in range(_N):
+                direct = s[_SUN + j] + s[_LIT + j]
+                s[_LOG + j] = (own + patch * s[_PATCHES + j] + fresh * s[_FRESH + j]
+                               + slope * s[_PHASE + j] * direct + own * (_ONE - direct)
+                               + light * s[_LIT + j])
+            for j in range(_N):
+                code = _QUARTER * exp2(_PER_LOG * s[_LOG + j])
+                s[_LOG + j] = min(max(code, _ZERO), _CODES) + _HALF
+            out = blue if n else red
+            for j in range(_N):
+                out[i + j] = np.uint16(np.int32(s[_LOG + j]))
