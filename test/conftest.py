@@ -55,17 +55,11 @@ def processes_naming(*words: str) -> list[int]:
 _OF_WORKSPACE = ('bag', 'cli', 'files', 'gait', 'nodes', 'rover', 'run', 'test')
 
 
-# Of two workers one begins with the first test, the other in the middle: so only one of them
-# compiles the loops over pixels, which takes half a minute.
-_ORDER = {'camera': 0, 'rendering': 2}
-
-
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Sort, and leave to `colcon test`, which runs one at a time, what depends on the workspace.
+    """Leave to `colcon test`, which runs one at a time, what depends on the workspace.
 
     `./bootstrap test` looks for tests that run alone in test/nodes only.
     """
-    items.sort(key=lambda item: _ORDER.get(item.path.parent.name, 1))
     for item in items:
         if item.get_closest_marker('alone') and item.path.parent.name != 'nodes':
             raise pytest.UsageError(f'{item.nodeid}: is marked alone; valid is so in test/nodes')
