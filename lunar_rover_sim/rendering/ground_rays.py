@@ -8,8 +8,6 @@ followed at a time, each at its own row: loops over them are compiled to vector 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from lunar_rover_sim.compiled import compiled, inlined, vectorised
@@ -27,7 +25,6 @@ _A, _B, _C = (k * _PAGE for k in range(24, 27))           # corners around a pla
 _INDEX, _CORNER, _EAST, _NORTH, _BOTH = (k * _PAGE for k in range(5))
 
 _ZERO, _HALF, _ONE, _TWO, _TINY, _FAR = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0, 1e-9, 1e9))
-_NONE: Any = 0                      # to count from
 # Looks between points above and below the ground, at most, and how close is close enough [px].
 _TURNS, _CLOSE = np.float32(4.0), np.float32(0.02)
 # A step is a pixel long, or more: a part of a cell of the finest grid, also over the size of a
@@ -67,10 +64,10 @@ def _grid_heights(s, place, heights, levels, offsets):  # type: ignore[no-untype
     """
     for j in range(_N):
         s[_HEIGHT + j] = -_FAR
-    inner, before = -_ONE, _NONE
+    inner, before = -_ONE, 0
     for k in range(len(levels)):
         scale, half, last, extent = levels[k, 0], levels[k, 1], levels[k, 2], levels[k, 3]
-        within = _NONE
+        within = 0
         for j in range(_N):
             within += max(abs(s[_X + j]), abs(s[_Y + j])) <= extent
         if within > before:
@@ -141,7 +138,7 @@ def _add_tracks(s, box, windows, touched, near, side):  # type: ignore[no-untype
 @vectorised
 def _add_relief(s, place, shape, scale, half, centre):  # type: ignore[no-untyped-def]
     """Add the relief below the grid where it has shape."""
-    shaped, middle_x, middle_y, reach = _NONE, centre[0], centre[1], centre[2]
+    shaped, middle_x, middle_y, reach = 0, centre[0], centre[1], centre[2]
     for j in range(_N):
         share = shape_share(s[_X + j] - middle_x, s[_Y + j] - middle_y, reach)
         s[_ON + j] = share if max(abs(s[_X + j]), abs(s[_Y + j])) < half else _ZERO

@@ -57,11 +57,13 @@ class LampShadow:
         self._unused = attachment(context, (MAP, MAP))
         self._buffer = context.depth_renderbuffer((MAP, MAP))
         self._target = context.framebuffer([self._unused, self._depth], self._buffer)
-        self._map = np.zeros((MAP, MAP), np.float32)
 
     def draw(self, T_world_base: Array, world: World, ground: Ground, rocks: RockPass,
-             workers: Workers) -> None:
-        """Draw the shadow map. The rocks are chosen anew afterwards, for the cameras."""
+             workers: Workers) -> LampLight:
+        """Draw the shadow map, and return the lamp with it.
+
+        The rocks are chosen anew afterwards, for the cameras.
+        """
         T_world_lamp = T_world_base @ self._T_base_lamp
         volume = self._projection.view_volume([T_world_lamp], world)
         self._view.place(T_world_lamp, self._projection, volume.centre_m, (MAP, MAP))
@@ -69,17 +71,13 @@ class LampShadow:
         clear_window(self._target, _WINDOW)
         rocks.choose(volume, self._projection.focal_px, _ROCK_MIN_PX)
         rocks.draw()
-        self._map = read_image(self._target, 1, 0, (MAP, MAP))
-        cover_depth(self._map, ground.depth(self._view.numbers, self._projection,
-                                            ground.tracks_in(volume), workers), workers)
-        self._depth.write(self._map)
-
-    def read(self, T_world_base: Array) -> LampLight:
-        """Return the lamp with its map, as it was drawn last."""
-        T_world_lamp = T_world_base @ self._T_base_lamp
+        shadow = read_image(self._target, 1, 0, (MAP, MAP))
+        cover_depth(shadow, ground.depth(self._view.numbers, self._projection,
+                                         ground.tracks_in(volume), workers), workers)
+        self._depth.write(shadow)
         return LampLight(T_world_lamp, (self._intensity, self._exponent,
                                         2.0 / self._projection.focal_px),
-                         self._projection.clip_matrix(T_world_lamp), self._map)
+                         self._projection.clip_matrix(T_world_lamp), shadow)
 
     def bind(self, programs: Iterable[moderngl.Program], T_world_base: Array,
              T_world_camera: Array) -> None:
@@ -96,5 +94,4 @@ class LampShadow:
 
     def release(self) -> None:
         """Release the GL objects."""
-        release_all(self._target, self._buffer, self._unused,
-                    self._depth, self._view)
+        release_all(self._target, self._buffer, self._unused, self._depth, self._view)

@@ -108,8 +108,8 @@ class RockPass:
         if grounds and len(visible):
             shows = np.any([self._over(visible, *ground) for ground in grounds], axis=0)
             visible, distance = visible[shows], distance[shows]
-        reach, centre = _RADIUS * self._diameter[visible, None], self.rocks.position_m[visible]
-        self.boxes = np.stack([centre - reach, centre + reach], axis=1)
+        half, centre = self._half[visible], self.rocks.position_m[visible]
+        self.boxes = np.stack([centre - half, centre + half], axis=1)
         size = self._diameter[visible] * np.float32(focal_px)
         shape = self.rocks.shape[visible]
         detail = sum((size < limit * distance).astype(np.int64)

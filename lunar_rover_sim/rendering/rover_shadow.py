@@ -99,7 +99,9 @@ class RoverShadow:
         centre = on_rocks = T_world_links[0, :3, 3]
         # Further cameras, and all faces of a fisheye, show the rover in the same pose.
         wanted = T_world_links.tobytes(), sun_axes.tobytes()
-        if not self.may_shade(boxes, T_world_links, sun_axes).any():
+        corners = self._seen_corners(T_world_links, sun_axes)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        if not self.may_shade(boxes, centre, sun_axes, low, high).any():
             on_rocks = centre + _NOWHERE_M * up
         elif wanted != self._uploaded:
             self._upload(self._latest(*wanted))
@@ -107,14 +109,9 @@ class RoverShadow:
         axes = np.stack([right, up]) / self._half_m
         uniforms = {'u_rover_map': texture_units.ROVER_SHADOW, 'u_rover_right': tuple(axes[0]),
                     'u_rover_up': tuple(axes[1]), 'u_rover_centre': tuple(on_rocks)}
-        return CastShadow(uniforms, functools.partial(self._latest, *wanted), axes, centre,
-                          self._bounds(T_world_links, sun_axes))
-
-    def _bounds(self, T_world_links: Array, sun_axes: Array) -> F32:
-        corners = self._seen_corners(T_world_links, sun_axes)
-        (left, low, _), (right, high, ahead) = corners.min(axis=0), corners.max(axis=0)
-        across = np.array([left - _MARGIN_M, right + _MARGIN_M, low - _MARGIN_M, high + _MARGIN_M])
-        return np.array([*across / self._half_m, ahead, _BLUR / self._half_m], np.float32)
+        across = np.stack([low - _MARGIN_M, high + _MARGIN_M], axis=1)[:2] / self._half_m
+        bounds = np.array([*across.ravel(), high[2], _BLUR / self._half_m], np.float32)
+        return CastShadow(uniforms, functools.partial(self._latest, *wanted), axes, centre, bounds)
 
     def _silhouette_of(self, links: bytes, axes: bytes) -> F32:
         return self.silhouette(np.frombuffer(links).reshape(-1, 4, 4),
@@ -132,16 +129,18 @@ class RoverShadow:
         self._map = self._context.texture((MAP, MAP), 2, silhouette, dtype='f4')
         self._map.repeat_x = self._map.repeat_y = False
 
-    def may_shade(self, boxes: Array, T_world_links: Array,
-                  sun_axes: Array) -> NDArray[np.bool_]:
+    @staticmethod
+    def may_shade(boxes: Array, centre: Array, sun_axes: Array, low: Array,
+                  high: Array) -> NDArray[np.bool_]:
         """Return for (m, 2, 3) boxes whether the shadow may fall on anything in them, (m,).
 
         Args:
-            boxes: Least and greatest coordinates, world frame [m]; the rest as for `cast`.
+            boxes: Least and greatest coordinates, world frame [m].
+            centre: Position of the rover [m].
+            sun_axes: As for `cast`.
+            low, high: Least and greatest coordinates of the rover in them, from there [m].
         """
-        corners = self._seen_corners(T_world_links, sun_axes)
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        away = (0.5 * (boxes[:, 0] + boxes[:, 1]) - T_world_links[0, :3, 3]) @ sun_axes.T
+        away = (0.5 * (boxes[:, 0] + boxes[:, 1]) - centre) @ sun_axes.T
         reach = 0.5 * (boxes[:, 1] - boxes[:, 0]) @ np.abs(sun_axes).T
         behind = high[2] - (away[:, 2] - reach[:, 2])
         reach[:, :2] += _MARGIN_M + _BLUR * np.maximum(behind, 0.0)[:, None]

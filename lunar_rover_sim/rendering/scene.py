@@ -24,6 +24,7 @@ from lunar_rover_sim.rendering.context import Uniforms
 from lunar_rover_sim.rendering.frame import FLOWS, LAYERS, RIGHT_TRUTH
 from lunar_rover_sim.rendering.ground import SeenTracks
 from lunar_rover_sim.rendering.ground_picture import GroundPicture
+from lunar_rover_sim.rendering.lamp_rows import LampLight
 from lunar_rover_sim.rendering.rover_shadow import CastShadow
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
@@ -156,6 +157,7 @@ class Scene:
         above_m: Height of the middle of the cameras above the ground.
         shows_rover: Whether the rover is in view.
         tracks: Where they may be in view.
+        lamp: None without a lamp, or without light.
         depth_m: Of the ground alone, by the number of the drawing and the side of its images.
         ground: Its light and truth, by the same.
     """
@@ -171,6 +173,7 @@ class Scene:
     above_m: float = 0.0
     shows_rover: bool = False
     tracks: SeenTracks = SeenTracks()
+    lamp: LampLight | None = None
     depth_m: dict[tuple[int, int], NDArray[np.float32]] = dataclasses.field(default_factory=dict)
     ground: GroundPicture | None = None
 

@@ -113,12 +113,12 @@ class ScenePasses(GlOwner):
             if source.tracks is not None:
                 source.tracks.update(volume, shared.make_waiting)
         shared.ground.update(volume, shared.make_waiting)
-        if shared.lamp is not None and request.lit:
-            shared.lamp.draw(T_world_base, shared.world, shared.ground, shared.rocks,
-                             shared.workers)
         scene = Scene(request, *self._drawings(request), state, links, cameras,
                       above_m=volume.above_m, tracks=shared.ground.tracks_in(volume))
         if request.lit:
+            if shared.lamp is not None:
+                scene.lamp = shared.lamp.draw(T_world_base, shared.world, shared.ground,
+                                              shared.rocks, shared.workers)
             self._sun.look(scene, volume, Occluders(shared.ground, shared.rocks, shared.body,
                                                     shared.sunlight, shared.workers))
         for drawing in scene.drawings:
@@ -176,13 +176,11 @@ class ScenePasses(GlOwner):
     def _ground(self, scene: Scene) -> GroundPicture:
         """Return the ground of a scene, which is not made yet."""
         shared = self._shared
-        lamp = (shared.lamp.read(scene.state.T_world_base)
-                if shared.lamp is not None and scene.request.lit else None)
         parts = {}
         for number, drawing in enumerate(scene.drawings):
             for side in drawing.sides:
                 truth = self._truth_of(scene, drawing, side)
-                sources = [source.light_on_ground(light, None if k else lamp)
+                sources = [source.light_on_ground(light, None if k else scene.lamp)
                            for k, (source, light) in enumerate(self._lights(scene, drawing, side))]
                 lit = side in drawing.lit_sides or 'shadow' in truth
                 parts[number, side] = Part(

@@ -76,9 +76,9 @@ def test_none_of_it_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
                         found.append(real(*args))
                         return found[-1] if value is None else value
                     monkeypatch.setattr(ground_band, 'may_shade', shaded)
-                    monkeypatch.setattr(RoverShadow, 'may_shade', lambda shadow, boxes, *args,
-                                        value=value: may_shade(shadow, boxes, *args)
-                                        if value is None else np.full(len(boxes), value))
+                    monkeypatch.setattr(RoverShadow, 'may_shade', staticmethod(
+                        lambda boxes, *args, value=value: may_shade(boxes, *args)
+                        if value is None else np.full(len(boxes), value)))
                     frames.append(renderer.render(state, 0, ('radiance',)).radiance)
                 assert np.array_equal(frames[0], frames[1]), (elevation_deg, yaw_deg)
                 of_rover.append((frames[1] != frames[2]).mean())
