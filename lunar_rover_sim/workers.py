@@ -23,9 +23,9 @@ class Workers:
     """
 
     def __init__(self, count: int | None = None) -> None:
-        """Start no thread yet; count: of threads, by default half of the cores."""
-        # Two threads on two cores took a fifth more processor time, and no less time.
-        self._count = min(len(os.sched_getaffinity(0)) // 2, _MOST_THREADS) if count is None \
+        """Start no thread yet; count: of threads, by default half of the cores, or both of two."""
+        cores = len(os.sched_getaffinity(0))
+        self._count = min(max(cores // 2, min(cores, 2)), _MOST_THREADS) if count is None \
             else count
         self._pool = ThreadPoolExecutor(self._count) if self._count > 1 else None
         self.memory = threading.local()
