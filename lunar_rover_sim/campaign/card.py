@@ -21,28 +21,16 @@ from lunar_rover_sim.campaign.statistics import MEANINGS
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.paths import counted
+from lunar_rover_sim.run.plan import BAG_FOLDER
 from lunar_rover_sim.sensors.registry import card_contents
+from lunar_rover_sim.sequences.export import FORMATS
 
 LARGEST = 1e18     # of a statistic
 _KINDS = {IMAGES: 'images', STEREO: 'stereo images', DEPTH: 'depth', LABELS: 'labels',
           LIDAR: 'LiDAR scans', **{content.name: content.title for content in card_contents()}}
 _SUMS = ('duration_s', 'frames', 'distance_m', 'bytes')
-_FORMATS = {
-    'bag': 'rosbag2 (MCAP or SQLite), all topics; the bag of an episode is checked by '
-           '`lunar_rover_sim bag check`',
-    'euroc': 'EuRoC/ASL: mav0/cam0, cam1, imu0, ground truth of the IMU; sensor.yaml each',
-    'tum': 'TUM RGB-D: rgb, depth (16-bit PNG, 5000 counts a metre), groundtruth.txt of the left '
-           'camera, calibration.yaml',
-    'kitti': 'KITTI odometry: image_0, image_1, in colour image_2, image_3, calib.txt, times.txt, '
-             'poses.txt; with LiDAR clouds, velodyne',
-    'tartanair': 'TartanAir: image_left, image_right, depth_left (npy, metres; and 16-bit PNG, '
-                 'millimetres), pose_left.txt, pose_right.txt (NED), calibration.yaml; with '
-                 'labels, seg_left and flow',
-    'coco': 'COCO: images, annotations/instances.json with boxes and masks of rocks and craters',
-    'yolo': 'YOLO: images, labels (outlines of rocks and craters), boxes, data.yaml',
-    'webdataset': 'WebDataset: tar shards of PNG, NPY and JSON, index.json, label_info.json; with '
-                  'LiDAR, its scans as NPY; with heading sensors and power, their values in JSON',
-}
+_BAG = ('rosbag2 (MCAP or SQLite), all topics; the bag of an episode is checked by '
+        '`lunar_rover_sim bag check`')
 
 
 def make_card(dataset: Path) -> dict[str, Any]:
@@ -122,8 +110,9 @@ def _recorded(episodes: Sequence[dict[str, Any]]) -> set[str]:
 def _kept(card: dict[str, Any]) -> dict[str, str]:
     """Return the folders that each episode holds, with what is in them."""
     campaign = card['campaign']
-    kinds = [*(['bag'] if campaign.get('keep_bag', True) else []), *campaign.get('formats', ())]
-    return {kind: _FORMATS[kind] for kind in kinds if kind in _FORMATS}
+    return {**({BAG_FOLDER: _BAG} if campaign.get('keep_bag', True) else {}),
+            **{kind: FORMATS[kind].layout for kind in campaign.get('formats', ())
+               if kind in FORMATS}}
 
 
 def _summary(name: str, episodes: Sequence[dict[str, Any]]) -> dict[str, float] | None:

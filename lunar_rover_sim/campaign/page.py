@@ -26,13 +26,11 @@ from lunar_rover_sim.files.images import read_picture
 from lunar_rover_sim.files.templates import data_uri, template
 from lunar_rover_sim.inspection.bag_pictures import draw_hillshade
 from lunar_rover_sim.run.plan import BAG_FOLDER
+from lunar_rover_sim.sequences.export import FORMATS
 
 THUMBNAILS = 3
 _WIDTH_PX = 320
 _QUALITY = 82
-# Left images of exported sequences.
-_IMAGE_FOLDERS = ('tum/rgb', 'euroc/mav0/cam0/data', 'tartanair/image_left', 'kitti/image_2',
-                  'kitti/image_0', 'coco/images', 'yolo/images')
 _SHOWN = ('distance_m', 'sun_elevation_deg', 'shadow_share', 'textured_share', 'sgm_density',
           'sgm_error_px')
 
@@ -118,8 +116,9 @@ def thumbnails(folder: Path) -> Iterator[tuple[str, NDArray[np.uint8]]]:
                         image = (image >> 8).astype(np.uint8)
                     yield f'{stamps[k] / 1e9:.1f} s', image
         return
-    for kind in _IMAGE_FOLDERS:
-        files = sorted((folder / kind).glob('*.png'))
+    for images in (folder / kind / name for kind, made in FORMATS.items()
+                   for name in made.left_images):
+        files = sorted(images.glob('*.png'))
         for k in _spread(len(files)):
             yield files[k].name, read_picture(files[k], CampaignError, colour=True)
         if files:

@@ -82,8 +82,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help=f'with --format {WEBDATASET}: samples a shard (default: '
                               f'{DEFAULT_SIZE})')
     command.add_argument('--epoch', type=_epoch_ns, metavar='DATE',
-                         help='with --format euroc or tum: the date, UTC, at which simulated time '
-                              'is 0 (default: 2024-01-01T00:00:00)')
+                         help=f'with --format {" or ".join(_DATED)}: the date, UTC, at which '
+                              'simulated time is 0 (default: 2024-01-01T00:00:00)')
     stage = command.add_argument_group(f'--format {_USD}')
     options.add_recorded_world(stage)
     stage.add_argument('--world-stage', type=Path, metavar='FILE',

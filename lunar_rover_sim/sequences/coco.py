@@ -30,6 +30,10 @@ _FILE = 'annotations/instances.json'
 class CocoSequence(LabelledSequence):
     """Writes a COCO data set; annotations go to the file as they come."""
 
+    layout = ('COCO: images, annotations/instances.json with boxes and masks of rocks and '
+              'craters')
+    left_images = ('images',)
+
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
         self._catalogues = catalogues(bag)

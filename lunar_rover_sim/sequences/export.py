@@ -58,7 +58,7 @@ def export(path: Path | str, output: Path | str, kind: str = 'euroc',
     Args:
         path: Bag.
         output: Folder to make.
-        kind: Name in `formats.FORMATS`.
+        kind: Name in `FORMATS`.
         progress: Called once per message.
         shards: Of WebDataset; other formats have none.
         epoch_ns: Unix time [ns] at which simulated time is 0, in formats that name files by time

@@ -112,6 +112,9 @@ class KittiSequence(PosedSequence):
     POSES = 'poses.txt'
     poses_of = ('poses.txt: true poses of the left camera (its optical frame) in its first frame, '
                 'one for each image')
+    layout = ('KITTI odometry: image_0, image_1, in colour image_2, image_3, calib.txt, '
+              'times.txt, poses.txt; with LiDAR clouds, velodyne')
+    left_images = ('image_2', 'image_0')
     needs = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.LEFT_INFO.name)
     uses = (*PosedSequence.uses, *CLOUDS)
 

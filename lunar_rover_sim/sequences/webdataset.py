@@ -87,6 +87,8 @@ class WebDatasetSequence(PosedSequence):
     POSES = METADATA
     poses_of = ('T_odom_left, T_odom_right in the JSON of a sample: true poses of each camera '
                 '(its optical frame) in odom')
+    layout = ('WebDataset: tar shards of PNG, NPY and JSON, index.json, label_info.json; with '
+              'LiDAR, its scans as NPY; with heading sensors and power, their values in JSON')
     needs = _NEEDED
     of_further = tuple(_FURTHER)
     further_needs = ('they need their camera_info in the bag; labels do not fit a pinhole with '

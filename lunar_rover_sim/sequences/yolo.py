@@ -26,6 +26,9 @@ _DIGITS = 6
 class YoloSequence(LabelledSequence):
     """Writes a YOLO data set."""
 
+    layout = 'YOLO: images, labels (outlines of rocks and craters), boxes, data.yaml'
+    left_images = ('images',)
+
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
         self._found = 0

@@ -1,4 +1,4 @@
-"""Export to EuRoC, TUM and KITTI, and ORB-SLAM3 settings."""
+"""Export to EuRoC, TUM and KITTI, what holds of every format, and ORB-SLAM3 settings."""
 
 import re
 
@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import synthetic_bag as synthetic
+import yaml
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import message_validity, messages
@@ -20,7 +21,7 @@ from lunar_rover_sim.frames import inverse
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.seconds import EPOCH_NS, from_seconds
 from lunar_rover_sim.sensors.imu import ImuConfig
-from lunar_rover_sim.sequences.export import export
+from lunar_rover_sim.sequences.export import export, FORMATS
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
 from lunar_rover_sim.sequences.sensors import described_sensors, recorded_sensors
 
@@ -72,7 +73,6 @@ def test_euroc(tmp_path, items, bag):
 
 def test_euroc_mounts_project_a_point_into_both_images(tmp_path, bag):
     """The camera poses in sensor.yaml give the disparity f b / Z."""
-    import yaml
     export(bag, tmp_path / 'seq')
     T = {}
     for camera in ('cam0', 'cam1'):
@@ -184,6 +184,36 @@ def test_depth_with_every_second_image(tmp_path):
     assert 'frame_rate_hz: 10.0' in (tmp_path / 'euroc' / 'calibration.yaml').read_text()
 
 
+@pytest.fixture(scope='module')
+def labelled_bag(items, tmp_path_factory):
+    """A bag from which every format can be written."""
+    labels = np.zeros((synthetic.HEIGHT, synthetic.WIDTH), np.uint16)
+    return synthetic.write(tmp_path_factory.mktemp('labelled') / 'bag', items + [
+        synthetic.picture(topics.LABELS, k * 10**8, 'mono16', labels) for k in range(1, 11)])
+
+
+@pytest.mark.parametrize('kind', FORMATS)
+def test_every_format_has_its_calibration(kind, tmp_path, labelled_bag):
+    """Intrinsics and mounts are beside every sequence, and noise where there is an IMU."""
+    export(labelled_bag, tmp_path / kind, kind)
+    document = yaml.safe_load((tmp_path / kind / 'calibration.yaml').read_text())
+    assert document['left']['fx_fy_cx_cy_px'][0] == synthetic.FOCAL_PX
+    assert np.shape(document['right']['T_imu_camera']) == (4, 4)
+    assert document['imu']['rate_hz'] == 200.0
+
+
+@pytest.mark.parametrize('kind', FORMATS)
+def test_every_format_says_what_it_holds(kind, tmp_path, labelled_bag):
+    """The card of a data set names its files; its left images are where thumbnails look."""
+    notes = export(labelled_bag, tmp_path / kind, kind)
+    assert re.match(r'[\w/ -]+: \w', FORMATS[kind].layout)
+    assert f'in the format {kind},' in (tmp_path / kind / 'README.txt').read_text()
+    folders = [folder for name in FORMATS[kind].left_images
+               if (folder := tmp_path / kind / name).is_dir()]
+    count = int(notes[0].rsplit(' image set', 1)[0].rsplit(' ', 1)[-1])
+    assert kind == 'webdataset' or len(list(folders[0].glob('*.png'))) == count
+
+
 def test_one_image_set(tmp_path):
     """It is told in the singular, written or left out."""
     bag = synthetic.write(tmp_path / 'bag', synthetic.drive(0.2, depth_every=2))
@@ -242,7 +272,7 @@ def test_bad_export(tmp_path, items, bag):
         (tmp_path / 'file').touch()
         export(bag, tmp_path / 'file' / 'seq')
     poor = synthetic.write(tmp_path / 'poor', [i for i in items if 'image' not in i.topic])
-    for kind in ('euroc', 'tum', 'kitti'):
+    for kind in FORMATS:
         with pytest.raises(SequenceError, match='lacks stereo/left/image_raw'):
             export(poor, tmp_path / 'seq', kind)
     blind = synthetic.write(tmp_path / 'blind', [i for i in items if i.topic != 'odom'])

@@ -110,17 +110,6 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ['bag']
 
 
-@pytest.mark.parametrize('kind', ['euroc', 'tum', 'kitti'])
-def test_every_format_has_its_calibration(kind: str, tmp_path: Path) -> None:
-    """Intrinsics, mounts and noise beside every sequence."""
-    bag = synthetic_bag.write(tmp_path / 'bag', synthetic_bag.drive(0.5))
-    export(bag, tmp_path / kind, kind)
-    document = yaml.safe_load((tmp_path / kind / 'calibration.yaml').read_text())
-    assert document['left']['fx_fy_cx_cy_px'][0] == synthetic_bag.FOCAL_PX
-    assert np.shape(document['right']['T_imu_camera']) == (4, 4)
-    assert document['imu']['rate_hz'] == 200.0
-
-
 BODY, LEG, ROCK = (slice(100, 110), slice(10, 30)), (slice(100, 110), slice(120, 140)), 700
 
 
