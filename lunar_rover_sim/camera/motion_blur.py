@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
 from lunar_rover_sim.camera.image_geometry import ImageGeometry
 from lunar_rover_sim.camera.motion import CameraTwist
-from lunar_rover_sim.compiled import compiled
+from lunar_rover_sim.compiled import compiled, vectorised
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.workers import ONE_THREAD, Workers
 
@@ -32,6 +32,12 @@ _STEP_PX = 1.5          # between samples on the longest path; most paths are ha
 _MOST_SAMPLES = 128
 _GRID = np.linspace(0.0, 1.0, 5)    # places in the image, over its size, where paths are measured
 _NEAREST_M = 0.1        # least depth that counts then
+_ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
+_COLUMNS, _PAGE = 128, 144      # that are taken at a time; pages of their numbers:
+# Way from the start of the path to its end, how far it bends, samples, the sum of their light,
+# a place between four pixels, and those.
+_WAY_U, _WAY_V, _BEND_U, _BEND_V, _NUMBER, _TOTAL = (k * _PAGE for k in range(6))
+_U, _V, _A, _B, _C, _D = (k * _PAGE for k in range(6, 12))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,6 +96,9 @@ class MotionBlur:
         at_rest = Movement([MovingBody(CameraTwist(np.zeros(3), np.zeros(3)))], np.zeros(3), 1.0)
         dark, nowhere = np.zeros((1, 1), np.float32), np.zeros((1, 1), np.uint8)
         self._gather(dark, nowhere, dark, dark, at_rest, 0.0, 1, None)
+        pair = np.zeros((2, 2), np.float32)
+        _along_arcs(0, 0, pair, pair, *self._of_pinhole(at_rest.bodies[0].twist, 0.0), 1,
+                    np.float32(_STEP_PX), pair)
 
     def is_seen(self, movement: Movement, exposure_s: float) -> bool:
         """Return whether anything moves far enough during an exposure to be seen."""
@@ -116,9 +125,14 @@ class MotionBlur:
             return radiance
         world, mean = movement.bodies[0].twist, np.empty(radiance.shape, np.float32)
         samples = min(2 * math.ceil(0.5 * longest / _STEP_PX), _MOST_SAMPLES) if self._blur else 1
-        if longest < _STENCIL_PX and not self._line_time_s and not self._image.fisheye:
-            self._workers.rows(_by_stencil, len(mean), radiance, depth_m,
-                               *self._of_stencil(world, exposure_s), mean)
+        if not self._line_time_s and not self._image.fisheye:
+            lens, turn, shift = self._of_pinhole(world, exposure_s)
+            if longest < _STENCIL_PX:
+                self._workers.rows(_by_stencil, len(mean), radiance, depth_m, lens, turn, shift,
+                                   mean)
+            else:
+                self._workers.rows(_along_arcs, len(mean), radiance, depth_m, lens, turn, shift,
+                                   samples, np.float32(_STEP_PX), mean)
         else:
             everywhere = np.ones(radiance.shape, np.uint8)
             self._gather(mean, everywhere, radiance, depth_m, movement, exposure_s, samples, None)
@@ -142,7 +156,7 @@ class MotionBlur:
             longest = max(longest, float(np.max(speed)) * time_s)
         return longest
 
-    def _of_stencil(self, twist: CameraTwist, exposure_s: float) -> tuple[F32, F32, F32]:
+    def _of_pinhole(self, twist: CameraTwist, exposure_s: float) -> tuple[F32, F32, F32]:
         """Return focal lengths and centre, turn and shift during the exposure."""
         K = self._image.K
         return (np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]], np.float32),
@@ -231,6 +245,80 @@ def _by_stencil(first, last, radiance, depth, lens, turn, shift,  # type: ignore
                       + over[c] * (up[c] + down_row[c] - both)
                       + falling[c] * (up[c0] + down_row[c1] - both)
                       + rising[c] * (down_row[c0] + up[c1] - both))
+
+
+@vectorised
+def _along_arcs(first, last, radiance, depth, lens, turn, shift,  # type: ignore[no-untyped-def]
+                samples, apart, result):
+    """Fill in rows of the mean along the paths of a pinhole camera that exposes all rows at once.
+
+    Each path is a parabola through its start, middle and end, as in `_along_paths`.
+    """
+    h, w = radiance.shape
+    s, place = np.empty(12 * _PAGE, np.float32), np.empty(_PAGE, np.uint32)
+    image, wide, steps = radiance.ravel(), np.uint32(w), np.float32(samples)
+    right, bottom = np.float32(w - 1), np.float32(h - 1)
+    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
+    # To the end of the exposure, for its start they change sign.
+    rx, ry, rz = _HALF * turn[0], _HALF * turn[1], _HALF * turn[2]
+    sx, sy, sz = _HALF * shift[0], _HALF * shift[1], _HALF * shift[2]
+    square = rx * rx + ry * ry + rz * rz
+    sine = _ONE - square * (_ONE / np.float32(6.0) - square / np.float32(120.0))
+    cosine = _HALF - square / np.float32(24.0)
+    tx, ty, tz = (_HALF * (ry * sz - rz * sy), _HALF * (rz * sx - rx * sz),
+                  _HALF * (rx * sy - ry * sx))
+    for r in range(first, last):
+        y, own = (np.float32(r) - cy) / fy, np.float32(r)
+        for start in range(0, w, _COLUMNS):
+            count = min(_COLUMNS, w - start)
+            for j in range(count):
+                s[_A + j] = abs(depth[r, start + j])
+            for j in range(count):
+                x, far = (np.float32(start + j) - cx) / fx, s[_A + j]
+                near = _ONE / far if far > _ZERO else _ZERO
+                ax, ay, az = ry - rz * y, rz * x - rx, rx * y - ry * x
+                qx, qy, qz = (cosine * (ry * az - rz * ay), cosine * (rz * ax - rx * az),
+                              cosine * (rx * ay - ry * ax))
+                ax, ay, az = sine * ax, sine * ay, sine * az
+                # The depth falls by the shift along the view; to first order the place grows by
+                # as much.
+                grows = (_ONE - (tz + sz) * near) / (_ONE + qz + az)
+                u1 = ((x + qx + ax) * grows + (tx + sx) * near - x) * fx
+                v1 = ((y + qy + ay) * grows + (ty + sy) * near - y) * fy
+                grows = (_ONE - (tz - sz) * near) / (_ONE + qz - az)
+                u0 = ((x + qx - ax) * grows + (tx - sx) * near - x) * fx
+                v0 = ((y + qy - ay) * grows + (ty - sy) * near - y) * fy
+                length = np.sqrt((u1 - u0) * (u1 - u0) + (v1 - v0) * (v1 - v0))
+                s[_WAY_U + j], s[_WAY_V + j] = u1 - u0, v1 - v0
+                s[_BEND_U + j], s[_BEND_V + j] = _TWO * (u0 + u1), _TWO * (v0 + v1)
+                s[_NUMBER + j] = min(np.floor(length / apart) + _TWO, steps)
+                s[_TOTAL + j] = _ZERO
+            most = np.int32(0)
+            for j in range(count):
+                most = max(most, np.int32(s[_NUMBER + j]))
+            for i in range(most):
+                taken = np.float32(i)
+                for j in range(count):
+                    part = (taken + _HALF) / s[_NUMBER + j] - _HALF
+                    u = np.float32(start + j) + part * (s[_WAY_U + j] + part * s[_BEND_U + j])
+                    v = own + part * (s[_WAY_V + j] + part * s[_BEND_V + j])
+                    u, v = min(max(u, _ZERO), right), min(max(v, _ZERO), bottom)
+                    column, row = min(np.floor(u), right - _ONE), min(np.floor(v), bottom - _ONE)
+                    s[_U + j], s[_V + j] = u - column, v - row
+                    place[j] = np.uint32(np.uint32(np.uint32(np.int32(row)) * wide)
+                                         + np.uint32(np.int32(column)))
+                for j in range(count):
+                    k = place[j]
+                    s[_A + j], s[_B + j] = image[k], image[np.uint32(k + np.uint32(1))]
+                    k = np.uint32(k + wide)
+                    s[_C + j], s[_D + j] = image[k], image[np.uint32(k + np.uint32(1))]
+                for j in range(count):
+                    upper = s[_A + j] + s[_U + j] * (s[_B + j] - s[_A + j])
+                    lower = s[_C + j] + s[_U + j] * (s[_D + j] - s[_C + j])
+                    light = upper + s[_V + j] * (lower - upper)
+                    s[_TOTAL + j] += light if taken < s[_NUMBER + j] else _ZERO
+            for j in range(count):
+                result[r, start + j] = s[_TOTAL + j] / s[_NUMBER + j]
 
 
 @compiled
