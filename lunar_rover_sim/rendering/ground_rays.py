@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import compiled, inlined, vectorised
-from lunar_rover_sim.rendering.row_math import shape_share
+from lunar_rover_sim.rendering.row_math import shape_share, wrapped
 
 _N, _PAGE = 64, 80      # columns that are followed at a time
 # Of each column: depth of the next point to look at, of the last one above the ground and of the
@@ -100,15 +100,12 @@ def _grid_heights(s, place, heights, levels, offsets):  # type: ignore[no-untype
 def _soil_at(x, y, windows, touched, near, n):  # type: ignore[no-untyped-def]
     """Return height change [m], and the share of the relief below the grid that is left there."""
     tiles = len(touched)
-    i = np.int64(np.floor(x * windows[2] * np.float32(tiles))) % tiles
-    j = np.int64(np.floor(y * windows[2] * np.float32(tiles))) % tiles
+    i, _, _ = wrapped(x * windows[2], tiles, _ZERO)
+    j, _, _ = wrapped(y * windows[2], tiles, _ZERO)
     if not touched[j, i] or max(abs(x - windows[4]), abs(y - windows[5])) >= windows[1]:
         return _ZERO, _ONE
-    u, v = x * windows[0] * np.float32(n), y * windows[0] * np.float32(n)
-    column, row = np.floor(u), np.floor(v)
-    u, v = u - column, v - row
-    i, j = np.int64(column) % n, np.int64(row) % n
-    east, north = (i + 1) % n, (j + 1) % n
+    i, east, u = wrapped(x * windows[0], n, _ZERO)
+    j, north, v = wrapped(y * windows[0], n, _ZERO)
     rise, pressed = _ZERO, _ZERO
     for k in range(4, 6):
         low = near[j * n + i, k] + u * (near[j * n + east, k] - near[j * n + i, k])

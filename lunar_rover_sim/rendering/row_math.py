@@ -72,6 +72,23 @@ def disc(angle, radius):  # type: ignore[no-untyped-def]
 
 
 @inlined
+def wrapped(place, n, offset):  # type: ignore[no-untyped-def]
+    """Return the texel before a place along a map that wraps around, the one after it, the share.
+
+    Args:
+        place: Over the extent of the map.
+        n: Texels along it.
+        offset: From a texel's first edge to where it is read, in texels.
+    """
+    # A division of whole numbers takes longer.
+    u = (place - np.floor(place)) * np.float32(n) - offset
+    column = np.floor(u)
+    i = np.int64(column)
+    i += n * (i < 0) - n * (i >= n)
+    return i, (i + 1) * (i + 1 < n), u - column
+
+
+@inlined
 def shape_share(x, y, reach):  # type: ignore[no-untyped-def]
     """Return how far the relief has shape, 1 to 0, at a place from the middle of all cameras."""
     return min(max(_FIVE - _FIVE * np.sqrt(x * x + y * y) / max(reach, _TINY), _ZERO), _ONE)
@@ -95,14 +112,8 @@ def shape_at(x, y, shape, scale):  # type: ignore[no-untyped-def]
         scale: 1 / its extent [1/m].
     """
     n = len(shape)
-    u, v = x * scale, y * scale
-    u, v = u - np.floor(u), v - np.floor(v)     # a division of whole numbers takes longer
-    u, v = u * np.float32(n) - _HALF, v * np.float32(n) - _HALF
-    column, row = np.floor(u), np.floor(v)
-    u, v = u - column, v - row
-    i, j = np.int64(column), np.int64(row)
-    east, north = (i + 1) * (i + 1 < n), (j + 1) * (j + 1 < n)
-    i, j = i + n * (i < 0), j + n * (j < 0)
+    i, east, u = wrapped(x * scale, n, _HALF)
+    j, north, v = wrapped(y * scale, n, _HALF)
     a, b, c, d = shape[j, i], shape[j, east], shape[north, i], shape[north, east]
     low, high = _low_word(a), _low_word(c)
     low += u * (_low_word(b) - low)

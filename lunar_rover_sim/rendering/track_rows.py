@@ -4,20 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from lunar_rover_sim.compiled import compiled, inlined
-from lunar_rover_sim.rendering.row_math import disc
+from lunar_rover_sim.compiled import compiled
+from lunar_rover_sim.rendering.row_math import disc, wrapped
 
 _ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 _THOUSAND, _NOWHERE = np.float32(1000.0), np.float32(-0.1)
-
-
-@inlined
-def _corners(u, v, n):  # type: ignore[no-untyped-def]
-    """Return rows and columns around a place in a map of n texels that wraps around, and shares.
-    """
-    column, row = np.floor(u), np.floor(v)
-    i, j = np.int64(column) % n, np.int64(row) % n
-    return i, j, (i + 1) % n, (j + 1) % n, u - column, v - row
 
 
 @compiled
@@ -38,15 +29,15 @@ def prints_of(depth, x, y, level, windows, sizes, touched,  # type: ignore[no-un
         any_level: Whether mip levels count; otherwise the finest one is read.
         print_x to loose: (n,) filled in.
     """
-    tiles = len(touched)
+    tiles, values = len(touched), np.empty(6, np.float32)
     for k in range(len(depth)):
         print_x[k] = print_y[k] = coarse[k] = pressed[k] = loose[k] = _ZERO
         horizon[k], seen[k] = _NOWHERE, _ONE
         if depth[k] <= _ZERO:
             continue
         p, q = x[k] * windows[2], y[k] * windows[2]
-        i, j = np.int64(np.floor(p * np.float32(tiles))), np.int64(np.floor(q * np.float32(tiles)))
-        if not touched[j % tiles, i % tiles]:
+        i, j = wrapped(p, tiles, _ZERO)[0], wrapped(q, tiles, _ZERO)[0]
+        if not touched[j, i]:
             continue
         away = max(abs(x[k] - windows[4]), abs(y[k] - windows[5]))
         if away < windows[1]:
@@ -55,14 +46,14 @@ def prints_of(depth, x, y, level, windows, sizes, touched,  # type: ignore[no-un
                 own = _ZERO
             lower = np.int64(own)
             part = own - np.float32(lower)
-            values = np.zeros(6, np.float32)
+            values[:] = _ZERO
             for turn in range(2 if part > _ZERO else 1):
                 share = part if turn else (_ONE - part)
                 n, first = near_side[lower + turn], near_first[lower + turn]
                 # The first sample lies at the origin.
-                u = (x[k] * windows[0] + _HALF / np.float32(near_side[0])) * np.float32(n) - _HALF
-                v = (y[k] * windows[0] + _HALF / np.float32(near_side[0])) * np.float32(n) - _HALF
-                west, south, east, north, f, g = _corners(u, v, n)
+                moved = _HALF / np.float32(near_side[0])
+                west, east, f = wrapped(x[k] * windows[0] + moved, n, _HALF)
+                south, north, g = wrapped(y[k] * windows[0] + moved, n, _HALF)
                 a, b = first + south * n + west, first + south * n + east
                 d, e = first + north * n + west, first + north * n + east
                 for channel in range(6):
@@ -78,8 +69,8 @@ def prints_of(depth, x, y, level, windows, sizes, touched,  # type: ignore[no-un
             if away <= windows[3]:
                 n = len(far)
                 offset = _HALF * sizes[0] * windows[2]
-                west, south, east, north, f, g = _corners(
-                    (p + offset) * np.float32(n) - _HALF, (q + offset) * np.float32(n) - _HALF, n)
+                west, east, f = wrapped(p + offset, n, _HALF)
+                south, north, g = wrapped(q + offset, n, _HALF)
                 for channel in range(3):
                     low = far[south, west, channel] + f * (far[south, east, channel]
                                                            - far[south, west, channel])
