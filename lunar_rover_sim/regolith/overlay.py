@@ -11,7 +11,7 @@ whole overlay, but for the rounding to float32, which `residue_m` carries on to 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 import dataclasses
 import math
 
@@ -114,11 +114,10 @@ class Overlay:
                ny: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return copies of height change and compaction, (ny, nx), from the sample (ix, iy) on."""
         height, compaction = np.zeros((ny, nx)), np.zeros((ny, nx))
-        for key, there, here in pieces(ix, iy, nx, ny):
-            tile = self._tile(key)
-            if tile is not None:
-                height[here] = tile.height[there]
-                compaction[here] = tile.compaction[there]
+        for key, there, here in pieces(ix, iy, nx, ny, self._tiles):
+            tile = self._tile_at(self._tiles[key])
+            height[here] = tile.height[there]
+            compaction[here] = tile.compaction[there]
         return height, compaction
 
     @property
@@ -295,11 +294,19 @@ class Overlay:
 _Piece = tuple[TileKey, tuple[slice, slice], tuple[slice, slice]]
 
 
-def pieces(ix: int, iy: int, nx: int, ny: int) -> Iterator[_Piece]:
-    """Yield (tile, its slices, slices of the window) of a window that begins at (ix, iy)."""
+def pieces(ix: int, iy: int, nx: int, ny: int,
+           tiles: Container[TileKey] | None = None) -> Iterator[_Piece]:
+    """Yield (tile, its slices, slices of the window) of a window that begins at (ix, iy).
+
+    Args:
+        ix, iy, nx, ny: First sample of the window, and its size.
+        tiles: Those to yield; None: all.
+    """
     for ty in range(iy // TILE, (iy + ny - 1) // TILE + 1):
         y0, y1 = max(iy, ty * TILE), min(iy + ny, (ty + 1) * TILE)
         for tx in range(ix // TILE, (ix + nx - 1) // TILE + 1):
+            if tiles is not None and (tx, ty) not in tiles:
+                continue
             x0, x1 = max(ix, tx * TILE), min(ix + nx, (tx + 1) * TILE)
             yield ((tx, ty),
                    (slice(y0 - ty * TILE, y1 - ty * TILE), slice(x0 - tx * TILE, x1 - tx * TILE)),

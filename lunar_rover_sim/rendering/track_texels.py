@@ -9,6 +9,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
 from lunar_rover_sim.world.fine_relief import disc_share
@@ -21,6 +22,7 @@ _FIRST_M, _GROWTH = 0.004, 0.05
 _LEAST_M = 1e-4             # smaller changes are not drawn
 _FULLY_M = 1e-3             # of compaction from which on soil counts as compacted
 _STEEPEST, _NO_HORIZON = 3.0, -0.1
+_LEAST_TANGENT = 1e-3       # of a horizon that counts
 _BRIGHTEST = 3.0
 
 
@@ -91,8 +93,8 @@ class Surroundings:
         less = far - 2 - math.ceil(reach / CELL_M)
         cut = slice(less if south == far else 0, -less or None if north == far else None), \
             slice(less if west == far else 0, -less or None if east == far else None)
-        return cls(height[cut], (west - (less if west == far else 0),
-                                 south - (less if south == far else 0)),
+        corner = west - (less if west == far else 0), south - (less if south == far else 0)
+        return cls(np.ascontiguousarray(height[cut]), corner,
                    compaction[south:south + TILE, west:west + TILE], reach)
 
     @property
@@ -109,7 +111,7 @@ def track_texels(around: Surroundings, sun: TrackSun) -> TrackTexels:
     slopes = [np.clip((height[south + dy:south + dy + TILE, west + dx:west + dx + TILE]
                        - height[south - dy:south - dy + TILE, west - dx:west - dx + TILE])
                       / (2.0 * CELL_M), -_STEEPEST, _STEEPEST) for dx, dy in ((1, 0), (0, 1))]
-    horizon = _horizon(around, sun)
+    horizon = _horizon(height, west, south, around.reach_m, *sun.heading)
     width = sun.radius_rad * (1.0 + sun.tangent ** 2)
     seen = disc_share((sun.tangent - horizon) / width)
     pressed = np.clip(around.compaction / _FULLY_M, 0.0, 1.0)
@@ -133,27 +135,33 @@ def track_texels(around: Surroundings, sun: TrackSun) -> TrackTexels:
                        raised, raised or bool((seen < 1.0).any()))
 
 
-def _horizon(around: Surroundings, sun: TrackSun) -> Array:
+@compiled
+def _horizon(height, west, south, reach_m, heading_x, heading_y):  # type: ignore[no-untyped-def]
     """Return the tangent of the horizon towards the sun over the untouched ground, (TILE, TILE).
 
     Where nothing stands higher it is below 0.
+
+    Args:
+        height, west, south, reach_m: As those of `Surroundings`.
+        heading_x, heading_y: As that of `TrackSun`.
     """
-    height, corner = around.height, around.corner
-    own = height[corner[1]:corner[1] + TILE, corner[0]:corner[0] + TILE]
-    highest = np.full(own.shape, _NO_HORIZON)
+    highest = np.full((TILE, TILE), _NO_HORIZON)
     way = _FIRST_M
-    while way < around.reach_m:
-        x, y = way / CELL_M * sun.heading[0], way / CELL_M * sun.heading[1]
-        ix, iy = math.floor(x), math.floor(y)
-        u, v = x - ix, y - iy
-        there = np.zeros(own.shape)
-        for dx, dy, weight in ((0, 0, (1.0 - u) * (1.0 - v)), (1, 0, u * (1.0 - v)),
-                               (0, 1, (1.0 - u) * v), (1, 1, u * v)):
-            j, i = corner[1] + iy + dy, corner[0] + ix + dx
-            there += weight * height[j:j + TILE, i:i + TILE]
-        np.maximum(highest, (there - own) / way, out=highest)
+    while way < reach_m:
+        x, y = way / CELL_M * heading_x, way / CELL_M * heading_y
+        column, row = int(np.floor(x)), int(np.floor(y))
+        u, v = x - column, y - row
+        for j in range(TILE):
+            for i in range(TILE):
+                r, c = south + row + j, west + column + i
+                there = ((1.0 - u) * (1.0 - v) * height[r, c] + u * (1.0 - v) * height[r, c + 1]
+                         + (1.0 - u) * v * height[r + 1, c] + u * v * height[r + 1, c + 1])
+                highest[j, i] = max(highest[j, i], (there - height[south + j, west + i]) / way)
         way += max(CELL_M, _GROWTH * way)
-    highest[highest < 1e-3] = _NO_HORIZON
+    for j in range(TILE):
+        for i in range(TILE):
+            if highest[j, i] < _LEAST_TANGENT:
+                highest[j, i] = _NO_HORIZON
     return highest
 
 
