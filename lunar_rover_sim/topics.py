@@ -306,7 +306,7 @@ OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)
 
 _HAZARD = tuple((topic, re.compile(topic.name.replace(NAME, '([a-z0-9_]+(?:/left|/right)?)')))
                 for topic in OF_HAZARD)
-_EXACT = {topic.name for topic in CONTRACT}
+_EXACT = {topic.name: topic for topic in CONTRACT}
 _OF_LEG = tuple((topic, re.compile(topic.name.replace(LEG, '([a-z][a-z0-9_]*)')))
                 for topic in CONTRACT if LEG in topic.name)
 
@@ -327,6 +327,17 @@ def of_leg(name: str) -> tuple[Topic, str] | None:
         if match is not None and name not in _EXACT:
             return topic, match[1]
     return None
+
+
+def topic_of(name: str) -> Topic | None:
+    """Return the topic of the contract that a relative name is; None if it is none.
+
+    Of what each leg or each hazard camera has, that is the topic that stands for all of them.
+    """
+    if name in _EXACT:
+        return _EXACT[name]
+    found = of_leg(name) or of_hazard(name)
+    return None if found is None else found[0]
 
 
 def legs_of(names: Iterable[str]) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ class RecorderConfig(Parameters):
     output: str = param('', 'folder of the bag; it must not exist')
     topics: tuple[str, ...] = param((ALL,), 'topics to record; all: every topic but those on '
                                     'request, which may be named beside it')
-    exclude: tuple[str, ...] = param((), 'topics to leave out')
+    exclude: tuple[str, ...] = param((), 'topics that all leaves out, too')
     storage: str = param('mcap', 'file format; bags of SQLite are read only', choices=('mcap',))
     compression: str = param('zstd', 'compression of the storage, without loss',
                              choices=('none', 'zstd'))

@@ -129,8 +129,7 @@ def contents(recorded: Iterable[str], campaign: Mapping[str, Any]) -> list[str]:
         recorded: Topics of the contract that were recorded.
         campaign: As in CAMPAIGN_FILE. Without bags, what its formats take of the topics counts.
     """
-    # What each leg has counts by its name in the contract.
-    held = {name if (of := topics.of_leg(name)) is None else of[0].name for name in recorded}
+    held = {topic.name for name in recorded if (topic := topics.topic_of(name)) is not None}
     if not campaign.get('keep_bag', True):
         taken: set[str] = set()
         for kind in campaign.get('formats', ()):

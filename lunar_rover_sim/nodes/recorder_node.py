@@ -56,6 +56,7 @@ class RecorderNode(node_main.GraphNode):
         if not config.output:
             raise ConfigError("output: '' is not valid; valid is a folder that does not exist")
         self._contract = {self._full(t.name): t for t in topics.CONTRACT}
+        self._own = self.get_namespace().rstrip('/') + '/'
         self._all = ALL in config.topics
         self._listed = {self._full(name) for name in config.topics if name != ALL}
         self._excluded = set(map(self._full, config.exclude))
@@ -163,18 +164,16 @@ class RecorderNode(node_main.GraphNode):
         """Return the full name of a topic, which may be one of the contract."""
         return self.resolve_topic_name(_GRAPH_NAMES.get(name, name))
 
+    def _topic(self, name: str) -> topics.Topic | None:
+        """Return the topic of the contract that a full name is."""
+        return self._contract.get(name) or topics.topic_of(name.removeprefix(self._own))
+
     def _is_wanted(self, name: str) -> bool:
         if name in self._listed or not self._all:
             return name in self._listed
         # In a namespace `all` means the topics of this rover.
-        own = self.get_namespace().rstrip('/') + '/'
-        topic = self._contract.get(name)
-        if not name.startswith(own) and topic is None:
-            return False
-        if topics.of_hazard(name.removeprefix(own)) is not None:
-            return False
-        of_leg = topics.of_leg(name.removeprefix(own))
-        if of_leg is not None and of_leg[0].on_request:
+        topic = self._topic(name)
+        if not name.startswith(self._own) and topic is None:
             return False
         # With topics at wall time no two runs would give the same bag.
         return (name not in self._excluded and not is_at_wall_time(name)
@@ -183,8 +182,7 @@ class RecorderNode(node_main.GraphNode):
     def _subscribe(self, name: str, type_name: str, infos: list[TopicEndpointInfo]) -> None:
         self._subscribed.add(name)
         self._last_new_topic_s = time.monotonic()
-        of_leg = topics.of_leg(name.removeprefix(self.get_namespace().rstrip('/') + '/'))
-        topic = self._contract.get(name) if of_leg is None else of_leg[0]
+        topic = self._topic(name)
         profiles = [info.qos_profile for info in infos]
         durable = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
         reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)

@@ -85,6 +85,24 @@ def recorded_beside_the_pair(scenario: Scenario) -> list[str]:
             for output in camera.outputs if output.topic.name in scenario.recorder_node.topics]
 
 
+def unrecorded_cameras(scenario: Scenario) -> list[str]:
+    """Return a line on each hazard camera of which a recorder of `all` takes nothing, with how.
+
+    They are topics on request: to set up a camera does not record it.
+    """
+    listed = scenario.recorder_node.topics
+    if ALL not in listed or not {'render_node', 'recorder_node'} <= set(scenario.run.nodes):
+        return []
+    lines = []
+    for name, config in scenario.render_node.hazard.items():
+        image, info, *truth = zip(*map(topics.hazard, sides(name, config)))
+        if not {topic.name for of in (image, info, *truth) for topic in of}.intersection(listed):
+            needed = ', '.join((*listed, *(topic.name for topic in (*image, *info))))
+            lines.append(f'{name}: is not recorded; to record it set '
+                         f'recorder_node.topics=[{needed}]')
+    return lines
+
+
 def silent_topics(scenario: Scenario) -> list[str]:
     """Return a line on each topic in `recorder_node.topics` that nobody will publish, with why.
 
@@ -95,6 +113,21 @@ def silent_topics(scenario: Scenario) -> list[str]:
             if name != ALL and (reason := _why_silent(scenario, name.lstrip('/')))]
 
 
+def misspelt_exclusions(scenario: Scenario) -> list[str]:
+    """Return a line on each name in `recorder_node.exclude` that resembles a topic and is none."""
+    return [f'{name}: {hint}' for name in scenario.recorder_node.exclude
+            if (hint := _nearest_name(name.lstrip('/'), [
+                topic.name for topic in topics.of_legs(topics.CONTRACT,
+                                                       scenario.rover.legs.names)]))]
+
+
+def _nearest_name(name: str, known: Collection[str]) -> str:
+    """Return which of the known names may be meant; '' if it is one, or resembles none."""
+    near = difflib.get_close_matches(name, known, n=1, cutoff=_ALIKE)
+    return f'no topic of this package; did you mean {near[0]}?' if near and name not in known \
+        else ''
+
+
 def _why_silent(scenario: Scenario, name: str) -> str:
     """Return why nobody publishes a topic; '' where somebody does or may."""
     found = topics.of_hazard(name)
@@ -102,8 +135,7 @@ def _why_silent(scenario: Scenario, name: str) -> str:
                for topic in topics.of_legs(topics.CONTRACT, scenario.rover.legs.names)}
     topic = by_name.get(name) if found is None else found[0]
     if topic is None:
-        near = difflib.get_close_matches(name, list(by_name), n=1, cutoff=_ALIKE)
-        return f'no topic of this package; did you mean {near[0]}?' if near else ''
+        return _nearest_name(name, by_name)
     # What is not on request may come from a program of the user instead.
     if (topic.on_request and topic.node in _RENDERED_OR_SCANNED
             and topic.node not in scenario.run.nodes):

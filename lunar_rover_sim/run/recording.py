@@ -21,7 +21,7 @@ from lunar_rover_sim.gait.conditions import differences, ground_conditions
 from lunar_rover_sim.run.lockstep import machine_slowness, STARTED_NS
 from lunar_rover_sim.run.node_processes import Looks, NodeLogs, NodeProcesses
 from lunar_rover_sim.run.plan import awaits_others, BAG_FOLDER, prepare, resolve
-from lunar_rover_sim.run.publication import silent_topics
+from lunar_rover_sim.run.publication import misspelt_exclusions, silent_topics, unrecorded_cameras
 from lunar_rover_sim.run.ros_domain import check_domain, ClockReader, OwnDomain, require_ros
 from lunar_rover_sim.run.scenario import dated_sun, Scenario
 from lunar_rover_sim.world.world_folder import load_world
@@ -237,6 +237,10 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
             logger.warning('gait calibration: measured with %s', difference)
     for line in silent_topics(scenario):
         logger.warning('recorder_node.topics: %s', line)
+    for line in misspelt_exclusions(scenario):
+        logger.warning('recorder_node.exclude: %s', line)
+    for line in unrecorded_cameras(scenario):
+        logger.warning('render_node.hazard.%s', line)
     folder = Path(folder).resolve()
     now_ns = 0
     told: set[str] = set()
@@ -310,9 +314,8 @@ def _check_topics(listed: tuple[str, ...], counts: dict[str, int]) -> None:
     if not silent:
         return
     known = [topic.name for topic in topics.CONTRACT]
-    hints = ['' if name in known or topics.of_hazard(name.lstrip('/')) is not None
-             or topics.of_leg(name.lstrip('/')) is not None
-             else did_you_mean(name, known) for name in silent]
+    hints = ['' if topics.topic_of(name.lstrip('/')) is not None else did_you_mean(name, known)
+             for name in silent]
     line = '; '.join(f'{name}: nobody published' + (f', {hint}' if hint else '')
                      for name, hint in zip(silent, hints))
     if not any(counts.values()):

@@ -62,12 +62,8 @@ def mounted(config: SensorsConfig, platform: Platform) -> list[Sensor]:
 
 def sensor_of(topic: str) -> type[Sensor] | None:
     """Return the sensor that publishes a topic, by the topic's name; None if none does."""
-    of_leg = topics.of_leg(topic)
-    name = topic if of_leg is None else of_leg[0].name
-    for sensor in SENSORS:
-        if any(name == each.name for each in sensor.published):
-            return sensor
-    return None
+    found = topics.topic_of(topic)
+    return next((sensor for sensor in SENSORS if found in sensor.published), None)
 
 
 def card_contents() -> dict[Content, tuple[Topic, ...]]:

@@ -5,7 +5,8 @@ import pytest
 from lunar_rover_sim import topics
 from lunar_rover_sim.run.lockstep import StampGate, WrittenStamps
 from lunar_rover_sim.run.plan import resolve
-from lunar_rover_sim.run.publication import is_recorded, period_ns, silent_topics, unpublished
+from lunar_rover_sim.run.publication import (is_recorded, misspelt_exclusions, period_ns,
+                                             silent_topics, unpublished, unrecorded_cameras)
 from lunar_rover_sim.run.scenario import Scenario
 
 HAZARD = {'render_node.hazard.front.rate_hz': 5, 'render_node.hazard.rear.stereo_baseline_m': 0.1}
@@ -42,6 +43,29 @@ def test_what_is_published_or_unknown_is_not_named() -> None:
         'run.nodes': ['physics_node', 'recorder_node']})
     assert silent_topics(resolve(scenario)) == [
         'hazard/front/image_raw: run.nodes lacks render_node']
+
+
+def test_a_hazard_camera_that_is_not_recorded_is_named() -> None:
+    """With what to set; unless something of it is recorded, or its user lists every topic."""
+    def told(*listed: str) -> list[str]:
+        return unrecorded_cameras(resolve(Scenario.load('flat', {
+            **HAZARD, 'recorder_node.topics': listed})))
+    front = 'ground_truth/hazard/front/labels'
+    assert told('all', front) == [
+        f'rear: is not recorded; to record it set recorder_node.topics=[all, {front}, '
+        'hazard/rear/left/image_raw, hazard/rear/right/image_raw, hazard/rear/left/camera_info, '
+        'hazard/rear/right/camera_info]']
+    assert [line.partition(':')[0] for line in told('all')] == ['front', 'rear']
+    assert not told('odom')
+    assert not told('all', front, 'hazard/rear/left/image_raw')
+
+
+def test_a_misspelt_exclusion_is_named() -> None:
+    """It would be recorded after all; names of a user's own topics are no concern."""
+    scenario = Scenario.load('flat', {'recorder_node.exclude': [
+        'imu/data_row', '/contacts/front_left', 'ground_truth/imu', 'my_camera/image']})
+    assert misspelt_exclusions(resolve(scenario)) == [
+        'imu/data_row: no topic of this package; did you mean imu/data_raw?']
 
 
 def test_all_leaves_out_what_is_made_on_request_and_the_recorders_own_progress() -> None:
