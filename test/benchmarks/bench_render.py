@@ -153,17 +153,18 @@ PASSES = {
     'sensor': (('camera.sensor', 'ImageSensor', 'pixels'),)}
 
 
-def walk(scenario, count=40):
-    """Return states of a rover that walks, 0.05 s apart."""
+def walk(scenario, count=40, period_s=0.05):
+    """Return states of a rover that walks."""
     gait, states = scenario.gait_controller(), []
     gait.set_velocity(0.12, 0.0)
     with scenario.simulation() as simulation:
         state = simulation.state
-        for k in range(200 + 10 * count):
+        steps = round(200 * period_s)
+        for k in range(200 + steps * count):
             legs = gait.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)
             simulation.command(legs.velocity_radps)
             state = simulation.advance(5)
-            if k >= 200 and k % 10 == 9:
+            if k >= 200 and (k + 1 - 200) % steps == 0:
                 states.append(RoverPose(*(np.array(getattr(state, field.name))
                                           for field in dataclasses.fields(RoverPose))))
     return states
