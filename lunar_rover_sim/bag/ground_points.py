@@ -25,13 +25,13 @@ if TYPE_CHECKING:    # nodes that write points read no bag
 
 POINT = np.dtype([(name, '<f4') for name in ('x', 'y', 'z', 'height_change', 'compaction')])
 FLOAT32 = 7     # of sensor_msgs/PointField
-_OFF_GRID = 0.01            # of a cell, what rounding may leave
+_OFF_GRID = 0.01            # most distance from a sample, in cells, that rounding may leave
 _MOST_M = 1.0               # no print is deeper, no rim higher
-FARTHEST_M = 1e4           # no fine ground is wider
+FARTHEST_M = 1e4            # no fine ground reaches farther
 
 
 def points_of(changes: GroundChanges, ground: HeightGrid) -> NDArray[np.void]:
-    """Return (n,) points of the dtype POINT; ground: the untouched one."""
+    """Return (n,) points of the dtype POINT; ground: as it was before any change."""
     points = np.zeros(len(changes), POINT)
     xy = changes.index * CELL_M
     points['x'], points['y'] = xy.T

@@ -16,16 +16,17 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag, information
 from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, STATE
 
-# Mostly a state is as near the end as the first; a bag at one clock has one within the second.
+# How far before its end a bag is searched. Most bags have a state within the first; one whose
+# messages all have one clock has one within the second.
 _NEAR_NS = 100_000_000, 5_000_000_000
 
 
 def simulated_end_ns(bag: Bag) -> int:
     """Return the bag time of the last state [ns], else that of the last frame.
 
-    Where a bag holds neither, it is that of the last message which does not bear wall time by its
-    nature; 0 where there is none. The states are those of all rovers in the bag. Only the end of
-    the bag is read, all of it where the last message is of another clock.
+    Where a bag holds neither, it is that of the last message on a topic that is not in
+    `AT_WALL_TIME`; 0 where there is none. The states are those of all rovers in the bag. Only
+    the end of the bag is read, or all of it where the last messages have stamps of another clock.
 
     Raises:
         BagError: Where the bag is damaged.
@@ -75,7 +76,7 @@ T = TypeVar('T')
 def every_step(stamped: Iterable[tuple[int, T]]) -> Iterator[tuple[int, T]]:
     """Yield the first (stamp [ns], item) of every 0.1 s since the first stamp, and the last one.
 
-    What it yields is what it yields of its own result.
+    Applied to its own result it yields the same again.
     """
     first_ns = step = None
     last: tuple[int, T] | None = None
@@ -118,7 +119,7 @@ class RecordingPace:
     """Measures the real-time factor of a recording while it goes on.
 
     It counts from the moment when bag time first moves on: what nodes do before their first step,
-    such as building a world, is not part of it. A time that starts anew goes on counting.
+    such as building a world, is not part of it. Where time goes back to 0, it counts on.
     """
 
     def __init__(self) -> None:

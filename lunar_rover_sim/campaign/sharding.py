@@ -1,7 +1,8 @@
 """The shards of a whole data set, split by world into those for training, validation and test.
 
-A shard holds samples of one drive, and all drives on a world are in one split: what a network is
-judged by, it has not seen. Worlds are split within each scenario that the campaign starts from.
+A shard holds samples of one drive, and all drives on a world are in one split: a network is tested
+on worlds that it was not trained on. Worlds are split within each scenario that the campaign
+starts from.
 """
 
 from __future__ import annotations
@@ -149,7 +150,7 @@ def _take(episode: Path, name: str, folder: Path, split: str, first: int,
           size: int) -> list[Shard]:
     """Put the shards of an episode into a folder; return what they have become.
 
-    They are made from the bag; where there is none, those that are there are taken as they are.
+    They are made from the bag; without a bag, the shards of the episode are copied.
 
     Args:
         first: Number of the first one.

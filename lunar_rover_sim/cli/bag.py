@@ -79,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help=f'format of the sequence, or {_USD} for a stage (default: '
                               '%(default)s)')
     command.add_argument('--shard-size', type=int, metavar='N',
-                         help=f'with --format {WEBDATASET}: samples a shard (default: '
+                         help=f'with --format {WEBDATASET}: samples per shard (default: '
                               f'{DEFAULT_SIZE})')
     command.add_argument('--epoch', type=_epoch_ns, metavar='DATE',
                          help=f'with --format {" or ".join(_DATED)}: the date, UTC, at which '

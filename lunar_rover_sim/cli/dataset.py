@@ -25,7 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                                 'manifests; exits with 1 if anything was changed, deleted, added '
                                 'or renamed'),
             ('shards', _shards, 'WebDataset shards of all drives, split by world'),
-            ('card', _card, 'write the data card anew: README.md and card.json')):
+            ('card', _card, 'write the data card anew: README.md, card.json, '
+                            'episodes.csv, croissant.json')):
         command = options.add_action(datasets, name, text, run)
         command.add_argument('dataset', type=Path, metavar='DIR', help='folder of the data set')
         if name == 'status':
@@ -33,8 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         if name == 'show':
             options.add_output(command, check_file, 'FILE', 'the page; by default DIR/index.html',
                                required=False)
-            command.add_argument('--most', type=int, default=100, metavar='N',
-                                 help='episodes shown with pictures (default: %(default)s)')
+            options.add_number(command, '--most', 0, kind=int, default=100,
+                               help='episodes shown with pictures')
         if name == 'shards':
             _add_shards(command)
 
@@ -42,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_shards(command: argparse.ArgumentParser) -> None:
     options.add_new_folder(command, 'folder of the shards')
     command.add_argument('--shard-size', type=int, default=DEFAULT_SIZE, metavar='N',
-                         help='samples a shard (default: %(default)s)')
+                         help='samples per shard (default: %(default)s)')
     for split, meaning in ((VALIDATION, 'validation'), (TEST, 'test')):
         command.add_argument(f'--{split}', type=float, default=0.0, metavar='SHARE',
                              help=f'share of the worlds of each scenario that are for {meaning} '
@@ -65,8 +66,7 @@ def _show(args: argparse.Namespace) -> int:
     card = make_card(args.dataset)
     output = args.output or args.dataset / 'index.html'
     with Progress('drawing') as progress:
-        write_page(args.dataset, card, output, max(0, args.most),
-                   progress.named)
+        write_page(args.dataset, card, output, args.most, progress.named)
     say(output)
     return 0
 

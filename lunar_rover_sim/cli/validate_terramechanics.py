@@ -1,4 +1,4 @@
-"""`lunar_rover_sim validate terramechanics`: what soft ground is held to, and what it changes."""
+"""`lunar_rover_sim validate terramechanics`: soft ground against theory, and walks on it."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ from lunar_rover_sim.studies.terramechanics import (Ground, GROUNDS, measure, PU
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
     parser.description = (
-        'Holds soft ground to published numbers, closed forms and scaling laws, and walks on it:'
-        ' on the level, up slopes of 0 to 30 degrees, and against a pull. Writes'
+        'Compares soft ground with published numbers, closed forms and scaling laws, and walks'
+        ' on it: on the level, up slopes of 0 to 30 degrees, and against a pull. Writes'
         ' terramechanics.md, terramechanics.csv, terramechanics.png and sandbot.png.')
     options.add_scenario(parser, 'flat')
     options.add_overrides(parser)
     parser.add_argument('--grounds', nargs='+', default=list(GROUNDS), metavar='NAME',
-                        help='grounds to walk on: rigid, or presets (rigid and the highlands)')
+                        help='grounds to walk on: rigid, or presets of soil (default: '
+                             f'{" ".join(GROUNDS)})')
     options.add_number(parser, '--speed', 0.0, unit='m/s', above=True, default=0.12, metavar='V',
                        help='commanded speed')
     options.add_number(parser, '--duration', SKIP_S, unit='s', above=True, default=13.0,
@@ -47,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     with Progress('walking') as progress:
         walks = map_in_processes(functools.partial(measure, settings), grounds, args.workers,
                                  lambda _, done, total: progress(done, total))
-        progress.start('holding to numbers')
+        progress.start('comparing with theory')
         anchors = (terramechanics_anchors.plates() + terramechanics_anchors.simulated(settings)
                    + terramechanics_anchors.compared(walks))
     text = terramechanics_report.write_all(anchors, walks, args.output)

@@ -1,7 +1,7 @@
 """Maps of a recorded drive against the true surface of its world.
 
-As the Lunar Autonomy Challenge scores maps: in cells of 15 cm, the error of the elevation and a
-flag for rocks.
+As the Lunar Autonomy Challenge (NASA and Johns Hopkins APL, 2025) scores maps: in cells of 15 cm,
+the error of the elevation and a flag for rocks.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ class Rates(NamedTuple):
     """Errors of the cells at some distance from the rover.
 
     Attributes:
-        low_m, high_m: The distance.
-        cells: Known cells that were judged.
-        rms_m: Of the error of the elevation.
-        median_m: Of its absolute value.
+        low_m, high_m: From and up to which distance [m].
+        cells: Number of known cells.
+        rms_m: RMS error of the elevation [m].
+        median_m: Median of its absolute value [m].
         precision: Share of the flagged cells that hold a rock, or lie beside one.
         recall: Share of the cells with a rock that are flagged, or lie beside one that is.
     """
@@ -58,11 +58,11 @@ class MapEvaluation:
 
     Attributes:
         maps: How many were judged.
-        near: All within `NEAR_M`.
+        near: All cells within `NEAR_M` of the rover.
         by_distance: By distance from the rover.
-        rock_m: Height from which a rock counts: that which the rover does not cross.
-        offset_m: Median error of the elevation: of the height of an estimated pose, say.
-        sun_deg: Elevation of the sun.
+        rock_m: Height from which a rock counts, since the rover cannot cross it [m].
+        offset_m: Median error of the elevation [m]; an error in the height of the pose is in it.
+        sun_deg: Elevation of the sun [deg].
     """
 
     maps: int
@@ -98,11 +98,11 @@ class _Cells(NamedTuple):
 
 def evaluate_maps(path: Path, world: Path | None = None, most: int = 40,
                   output: Path | None = None) -> MapEvaluation:
-    """Judge the maps of a bag, up to so many, spread over the drive.
+    """Judge maps of a bag, evenly over the drive.
 
     Args:
         world: Folder of its world, where that is not found beside the bag or in the cache.
-        most: Maps that are judged.
+        most: Largest number of maps that are judged.
         output: PNG of the errors of the last map; None: none.
 
     Raises:
@@ -137,7 +137,7 @@ def evaluate_maps(path: Path, world: Path | None = None, most: int = 40,
 
 def _judged(bag: Bag, stamp: int, odometry: series.Odometry, surface: TrueSurface,
             rock_m: float) -> _Cells | None:
-    """Judge the map of one stamp; None where it knows nothing."""
+    """Judge the map of one stamp [ns]; return None where no cell of it is known."""
     cloud = next((m for _, _, m in bag.messages([bag.resolve(topics.ELEVATION.name)], stamp,
                                                 stamp + 1)), None)
     grid = next((m for _, _, m in bag.messages([bag.resolve(topics.TRAVERSABILITY.name)], stamp,

@@ -66,7 +66,7 @@ def read_rover_data(bag: Bag, namespace: str, progress: Callable[[], None] | Non
 
 def scenario_period_ns(rate: str, scenario: RecordedScenario) -> int:
     """Return the period [ns] of a rate class in the scenario; 0 where there is none."""
-    # Recordings of earlier versions have depth with every frame.
+    # Recordings of versions before depth_every have depth with every frame.
     return period_ns(rate, scenario.number('physics_node', 'state_rate_hz', 0.0),
                      scenario.number('render_node', 'frame_rate_hz', 0.0),
                      scenario.number('render_node', 'depth_every', 1.0))

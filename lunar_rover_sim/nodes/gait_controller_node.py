@@ -18,7 +18,7 @@ from lunar_rover_sim.run.node_config import GaitNodeConfig
 
 
 class GaitControllerNode(LegControllerNode):
-    """Walks by the phases of the legs."""
+    """Commands the legs by their phases: the gait controller as a node."""
 
     def __init__(self) -> None:
         super().__init__('gait_controller_node', GaitNodeConfig)

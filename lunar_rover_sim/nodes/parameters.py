@@ -29,7 +29,7 @@ def declare(node: Node, cls: type[C]) -> C:
     """Declare every parameter of `cls` on the node and return `cls` with the node's overrides.
 
     Args:
-        node: Was made with automatically_declare_parameters_from_overrides.
+        node: A node made with automatically_declare_parameters_from_overrides.
 
     Raises:
         ConfigError: If an override has the wrong type, is out of range, or has a name that is not
@@ -42,7 +42,7 @@ def declare(node: Node, cls: type[C]) -> C:
     overrides = {name: parameter for name, parameter in declared.items()
                  if not name.startswith(_RESERVED)}
     names = [name for name, *_ in defaults.flatten()]
-    # Those that users name themselves; `from_mapping` checks the rest of their names.
+    # Prefixes of sets that users name, `hazard.`; `from_mapping` checks what follows the prefix.
     named = tuple({name.partition(f'{NAME}.')[0] for name, *_ in defaults.flatten(documented=True)
                    if f'.{NAME}.' in name})
     shared = {name for name, *_ in NodeConfig().flatten()}

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.files.paths import file_hash
 
-DEFAULT_SIZE = 256      # samples a shard
+DEFAULT_SIZE = 256      # samples per shard
 LARGEST_SIZE = 100_000
 PLAIN = 'shard'         # of the names of shards that belong to no split
 
@@ -51,7 +51,7 @@ class ShardWriter:
     """
 
     def __init__(self, folder: Path, size: int = DEFAULT_SIZE, name: str = PLAIN) -> None:
-        """size: samples a shard; raises SequenceError where it is not valid."""
+        """size: samples per shard; raises SequenceError where it is not valid."""
         check_size(size)
         self._folder, self._size, self._name = folder, size, name
         self._tar: tarfile.TarFile | None = None
@@ -104,7 +104,7 @@ def check_size(size: int) -> None:
     """Raise SequenceError unless so many samples fit into a shard."""
     if not 1 <= size <= LARGEST_SIZE:
         raise SequenceError(f'--shard-size: {size} is not valid; valid is 1 to {LARGEST_SIZE} '
-                            'samples a shard')
+                            'samples per shard')
 
 
 def shard_name(name: str, index: int) -> str:

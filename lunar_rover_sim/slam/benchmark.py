@@ -1,8 +1,8 @@
-"""A benchmark: every estimator on every drive, each of these cells done once and kept.
+"""A benchmark: every estimator on every drive. Each such cell is done once, and its result kept.
 
 The folder of a benchmark holds `recordings/DRIVE` (one per scenario, swept value and seed, shared
 by all sensors) and `cells/DRIVE-SENSOR-SYSTEM` with a `result.json`, which is written when the
-cell is done. Whatever stops a benchmark, the same call does what is missing.
+cell is done. A benchmark that was stopped goes on when it is called again.
 `sequences-SYSTEM/DRIVE` holds an exported recording while estimators work on it.
 `sequences-SYSTEM` is locked: other systems may be run in the same folder at the same time, and not
 the same one twice.
@@ -38,7 +38,7 @@ from lunar_rover_sim.slam.run_on_bag import run_on_bag, SlamResult
 
 
 class StepCounter:
-    """Tells how many parts of a piece of work are done, about a hundred times in each."""
+    """Tells how many parts of a piece of work are done, at about every hundredth of it."""
 
     def __init__(self, tell: Callable[[str], None]) -> None:
         self._tell = tell
@@ -59,8 +59,8 @@ class StepCounter:
 # The topics that estimators and their evaluation need.
 _RECORDED = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RIGHT_INFO,
              topics.TRUE_DEPTH, topics.ODOM, topics.IMU_RAW, topics.SCENARIO, topics.WORLD_HASH)
-_START_S = 300.0     # wall time of the start of the nodes
-_SLOWEST = 60.0      # wall time over simulated time
+_START_S = 300.0     # wall time that the nodes may take to start
+_SLOWEST = 60.0      # most wall time over simulated time
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Cell:
     """One drive, one estimator, and the result once there is one.
 
     Attributes:
-        failed: The result has a reason and no numbers.
+        failed: Whether the result is the reason of a failure, without numbers.
     """
 
     drive: Drive
@@ -124,8 +124,8 @@ def plan(scenarios: Sequence[str], estimators: Sequence[Estimator], seeds: Seque
              for seed in seeds for estimator in estimators]
     names = [cell.name for cell in cells]
     if len(set(names)) < len(names):
-        double = next(name for name in names if names.count(name) > 1)
-        raise SlamError(f'benchmark: two cells are called {double}; name each scenario, '
+        twice = next(name for name in names if names.count(name) > 1)
+        raise SlamError(f'benchmark: two cells are called {twice}; name each scenario, '
                         'seed, sensor and value once')
     return cells
 
@@ -138,8 +138,8 @@ def run(cells: Iterable[Cell], folder: Path, step: Step = lambda _cell, _text: N
     A cell that fails keeps its reason, and the others go on.
 
     Args:
-        step: Called with the cell and what is being done, and how far that is, at last with `done`
-            or `kept`; by one thread at a time.
+        step: Called with a cell and a text: what is being done and how much of it is, at last
+            `done` or `kept`. One thread calls it at a time.
         retry: Do failed cells again.
         jobs: Drives that are recorded or judged at the same time.
         recorder: Records a drive; takes the arguments of `run.recording.record`.
