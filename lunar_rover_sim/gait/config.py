@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import dataclasses
 import math
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.shaping import ShapingFunction
@@ -16,13 +16,28 @@ G = TypeVar('G', bound='GaitConfig')
 
 PACKAGED_SPOKES = Legs().spokes     # for a gait that no rover is named for
 
-# Phase offset [cycles] of a leg by its side (0 left, 1 right), its number from the front on that
-# side, and the number of legs there.
-GAITS: dict[str, Callable[[int, int, int], float]] = {
-    'trot': lambda side, row, rows: 0.5 * ((side + row) % 2),
-    'pace': lambda side, row, rows: 0.5 * side,
-    'bound': lambda side, row, rows: 0.5 * (row % 2),
-    'crawl': lambda side, row, rows: (0.5 * side - row / (2.0 * rows)) % 1.0,
+
+class Gait(NamedTuple):
+    """A gait by name.
+
+    Attributes:
+        meaning: In words, for the description of the parameter.
+        offset: Phase offset [cycles] of a leg by its side (0 left, 1 right), its number from the
+            front on that side, from 0, and the number of legs there.
+    """
+
+    meaning: str
+    offset: Callable[[int, int, int], float]
+
+
+GAITS: dict[str, Gait] = {
+    'trot': Gait('alternates neighbours (with six legs, tripods)',
+                 lambda side, row, rows: 0.5 * ((side + row) % 2)),
+    'pace': Gait('alternates sides', lambda side, row, rows: 0.5 * side),
+    'bound': Gait('alternates pairs of a left and a right leg',
+                  lambda side, row, rows: 0.5 * (row % 2)),
+    'crawl': Gait('lifts one leg after the other',
+                  lambda side, row, rows: (0.5 * side - row / (2.0 * rows)) % 1.0),
 }
 OWN, CUSTOM = 'rover', 'custom'
 
@@ -43,10 +58,9 @@ class GaitConfig(Parameters):
                                     high=1.0, live=True)
     flight_smoothing: float = param(1.0, 'share of the flight with changing slope', low=0.0,
                                     high=1.0, live=True)
-    gait: str = param(OWN, 'phase offsets by name: rover has those of the rover, trot alternates '
-                      'neighbours (with six legs, tripods), pace sides, bound pairs; crawl lifts '
-                      'one leg after the other; custom takes phase_offsets',
-                      choices=(OWN, *GAITS, CUSTOM), live=True)
+    gait: str = param(OWN, 'phase offsets by name: rover has those of the rover, '
+                      + ', '.join(f'{name} {gait.meaning}' for name, gait in GAITS.items())
+                      + ', custom takes phase_offsets', choices=(OWN, *GAITS, CUSTOM), live=True)
     phase_offsets: tuple[float, ...] = param(
         (0.0, 0.5, 0.5, 0.0), 'offset of each leg, used by gait custom', unit='cycles', low=0.0,
         high=1.0, open_high=True, live=True)
@@ -98,7 +112,7 @@ class GaitConfig(Parameters):
             return tuple(leg.phase for leg in legs.each.values())
         if self.gait in GAITS:
             sides = [0 if left else 1 for left in legs.on_left]
-            return tuple(GAITS[self.gait](side, row, sides.count(side))
+            return tuple(GAITS[self.gait].offset(side, row, sides.count(side))
                          for side, row in zip(sides, legs.rows()))
         if len(self.phase_offsets) != len(legs.each):
             raise ConfigError(f'phase_offsets: {len(self.phase_offsets)} elements given; valid is '
