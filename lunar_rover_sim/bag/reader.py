@@ -27,6 +27,7 @@ from lunar_rover_sim.bag.messages import header_ns, pose_matrix
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.errors import BagError, one_line
 from lunar_rover_sim.files.paths import check_regular
+from lunar_rover_sim.files.yaml_text import FAST_LOADER
 from lunar_rover_sim.parameters import nearest
 
 _MOST_BYTES = 1 << 24    # of metadata.yaml
@@ -234,9 +235,8 @@ class Bag:
 
     def has(self, topic: str) -> bool:
         """Return whether the topic (full name, or name in the contract) is there."""
-        with suppress(BagError):
-            self.resolve(topic)
-            return True
+        with suppress(BagError):        # of several rovers, none of which is named
+            return self._found(topic) is not None
         return False
 
     def count(self, topic: str) -> int:
@@ -249,13 +249,19 @@ class Bag:
         Raises:
             BagError: Offering the nearest names, where there is none.
         """
+        found = self._found(topic)
+        if found is None:
+            raise BagError(f'{self.path}: has no topic {topic}; {nearest(topic, self.types)}')
+        return found
+
+    def _found(self, topic: str) -> str | None:
         if topic in self.types:
             return topic
         name = topic.lstrip('/')
         for candidate in (f'{self.namespace}/{name}', f'/{name}'):
             if candidate in self.types:
                 return candidate
-        raise BagError(f'{self.path}: has no topic {topic}; {nearest(topic, self.types)}')
+        return None
 
     def raw(self, topics: Iterable[str] = (), start_ns: int | None = None,
             stop_ns: int | None = None) -> Iterator[RawMessage]:
@@ -429,10 +435,6 @@ def _typestore(definitions: tuple[tuple[str, MessageDefinition, str], ...]) -> T
     return store
 
 
-# The parser in C, where PyYAML has it, takes a tenth of the time.
-_Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-
-
 def is_count(value: object) -> bool:
     """Return whether a value is a whole number >= 0 of 64 bits."""
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 63
@@ -441,7 +443,7 @@ def is_count(value: object) -> bool:
 def information(bag: Path) -> Any:
     """Return what metadata.yaml of a bag folder says; raises what reading and YAML raise."""
     with (bag / marker.METADATA_NAME).open('rb') as file:
-        return yaml.load(file, _Loader)['rosbag2_bagfile_information']  # noqa: S506
+        return yaml.load(file, FAST_LOADER)['rosbag2_bagfile_information']  # noqa: S506
 
 
 def file_counts(bag: Path) -> dict[str, int | None]:

@@ -11,6 +11,7 @@ import yaml
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.files.yaml_text import FAST_LOADER
 from lunar_rover_sim.rover.description import Legs
 
 _SHARED = '/**'
@@ -69,7 +70,8 @@ def recorded_scenario(bag: Bag, namespace: str | None = None) -> RecordedScenari
 def scenario_of_text(text: str) -> RecordedScenario:
     """Return the scenario of a YAML text; an empty one where it cannot be read."""
     try:
-        document = yaml.safe_load(text) if len(text) <= _MAX_CHARACTERS else None
+        document = (yaml.load(text, FAST_LOADER) if len(text) <= _MAX_CHARACTERS  # noqa: S506
+                    else None)
     except (yaml.YAMLError, RecursionError, ValueError):
         return RecordedScenario({})
     if not isinstance(document, Mapping):

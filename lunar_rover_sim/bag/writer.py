@@ -23,7 +23,6 @@ from mcap.writer import Writer as McapWriter
 from rosbags.interfaces import Qos
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
 from rosbags.typesys.store import Typestore
-import yaml
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos, qos_values
@@ -31,6 +30,7 @@ from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.bag.totals import REAL_TIME_FACTOR
 from lunar_rover_sim.errors import BagError, one_line
 from lunar_rover_sim.files.atomic import atomic_write, sync_folder
+from lunar_rover_sim.files.yaml_text import yaml_of
 
 COMPRESSIONS = {'none': CompressionType.NONE, 'zstd': CompressionType.ZSTD}
 VERSION = 9             # of the metadata, as ROS 2 Jazzy writes it
@@ -130,7 +130,7 @@ class BagWriter:
                 self._schemas[msgtype] = writer.register_schema(msgtype, 'ros2msg', text.encode())
             self._channels[topic] = writer.register_channel(
                 topic, 'cdr', self._schemas[msgtype],
-                {'offered_qos_profiles': _yaml(profiles).strip()})
+                {'offered_qos_profiles': yaml_of(profiles).strip()})
         except OSError as error:
             raise self._fail(error) from None
         self._types[topic], self._profiles[topic], self.counts[topic] = msgtype, profiles, 0
@@ -201,7 +201,7 @@ class BagWriter:
         try:
             if incomplete:
                 marker.mark(self.path, incomplete)
-            writer.add_metadata('rosbag2', {'serialized_metadata': _yaml(information).strip()})
+            writer.add_metadata('rosbag2', {'serialized_metadata': yaml_of(information).strip()})
             writer.finish()
             self._stream.flush()
             os.fsync(self._stream.fileno())
@@ -318,11 +318,7 @@ def bag_information(file: str, storage: str, start_ns: int, duration_ns: int,
 
 def write_metadata(bag: Path, information: dict[str, Any]) -> None:
     """Write metadata.yaml of a bag; raise OSError where the disk is full."""
-    atomic_write(bag / marker.METADATA_NAME, _yaml({'rosbag2_bagfile_information': information}))
-
-
-def _yaml(document: Any) -> str:
-    return str(yaml.safe_dump(document, sort_keys=False))
+    atomic_write(bag / marker.METADATA_NAME, yaml_of({'rosbag2_bagfile_information': information}))
 
 
 def in_words(error: BaseException) -> str:

@@ -8,6 +8,7 @@ is the console script, which `resource/nodes/start` runs under the names of all 
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -53,7 +54,9 @@ def main() -> int:
     # No node draws with MuJoCo. Else its import looks for GLFW in a process of its own, which a
     # signal would end with a traceback.
     os.environ.setdefault('MUJOCO_GL', 'disable')
-    # Imports take a second or so: hence not at the top of this module.
+    # Imports take a second or so: hence not at the top of this module. A tenth of it was for the
+    # collection of garbage, of which they make none.
+    gc.disable()
     import importlib
 
     from lunar_rover_sim.errors import LunarRoverSimError
@@ -70,6 +73,7 @@ def main() -> int:
     except LunarRoverSimError as error:
         fail(error)
         return 1
+    gc.enable()
     return run(getattr(module, name.title().replace('_', '')), arguments)
 
 

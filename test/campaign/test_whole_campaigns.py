@@ -20,7 +20,7 @@ pytestmark = pytest.mark.ros
 
 SMALL = """
 settings:
-  run.duration_s: 0.5
+  run.duration_s: 0.3
   world.size_m: 12.8
   world.surroundings.samples: 257
   world.seed: 1
@@ -74,7 +74,7 @@ def test_killed_resumed_reproduced(tmp_path: Path, world_folder: Path) -> None:
     for name, manifest in made.items():
         folder = tmp_path / 'data' / 'episodes' / name
         assert (folder / 'tum' / 'groundtruth.txt').stat().st_size > 0
-        assert manifest['statistics']['frames'] == 10
+        assert manifest['statistics']['frames'] == 6
         assert {'stereo/right/image_raw', 'imu/data_raw'} <= set(manifest['topics'])
         assert 'lidar/points' not in manifest['topics']
         assert manifest['bag_hash'] == bag_hash(folder / 'bag')

@@ -43,8 +43,8 @@ def test_own_controller(tmp_path: Path) -> None:
     try:
         finished = simulate(
             tmp_path / 'run', '--duration', '2', '--domain', free, '--set',
-            'run.nodes=[physics_node, gait_controller_node, recorder_node]',
-            scenario=str(tmp_path / 'wiggle.yaml'))
+            'run.nodes=[physics_node, gait_controller_node, recorder_node]', '--set',
+            'physics_node.ground.model=rigid', scenario=str(tmp_path / 'wiggle.yaml'))
     finally:
         node.kill()
         node.wait()
@@ -63,6 +63,7 @@ def test_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         small = dict(text.split('=') for text in SMALL)
         values = {name: yaml.safe_load(text) for name, text in small.items()}
         values['run.nodes'] = WITHOUT_CAMERAS
+        values['physics_node.ground.model'] = 'rigid'
         return load(name, {**values, **changes}, **{**options, 'duration_s': 1.0})
 
     (block,) = blocks('howto/record_in_python.md', 'python')

@@ -7,7 +7,7 @@ from pathlib import Path
 import signal
 import time
 
-from conftest import PLAIN, SMALL_WORLD
+from conftest import PLAIN, SMALL_WORLD, TINY
 import numpy as np
 import pytest
 from waiting import wait_until
@@ -155,8 +155,7 @@ def test_every_node_works_with_use_sim_time(world_folder: Path, tmp_path: Path,
     Without it: every other test.
     """
     scenario = resolve(Scenario.load('baseline', [
-        'time_mode=lockstep', *SMALL_WORLD, *PLAIN, 'render_node.camera.width=160',
-        'render_node.camera.height=120', 'render_node.sgm.num_disparities=32'], duration_s=0.5))
+        'time_mode=lockstep', *SMALL_WORLD, *PLAIN, *TINY], duration_s=0.5))
     folder = tmp_path / 'run'
     plans = [dataclasses.replace(plan, parameters={**plan.parameters, 'use_sim_time': True})
              for plan in prepare(scenario, folder, world_folder)]

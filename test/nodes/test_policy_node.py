@@ -44,7 +44,8 @@ def test_a_run_is_walked_by_the_policy(policy_file: Path, tmp_path: Path) -> Non
     """Each state is answered, with what the policy gives for the recorded messages."""
     scenario = Scenario.load('flat', {
         'run.nodes': ['physics_node', 'gait_controller_node', 'drive_node', 'recorder_node'],
-        'world.size_m': 12.8, 'world.surroundings.samples': 257}, duration_s=2.0)
+        'world.size_m': 12.8, 'world.surroundings.samples': 257,
+        'physics_node.ground.model': 'rigid'}, duration_s=1.5)
     scenario = with_policy(scenario, policy_file)
     assert 'gait_controller_node' not in scenario.run.nodes
     recording = record(scenario, tmp_path / 'run')

@@ -8,7 +8,7 @@ import sys
 import time
 from typing import Any
 
-from conftest import PLAIN, simulate
+from conftest import PLAIN, simulate, TINY
 import numpy as np
 import pytest
 from waiting import LIMIT_S
@@ -247,7 +247,7 @@ def test_a_program_that_crashes_ends_the_run(tmp_path: Path, world_folder: Path)
     (tmp_path / 'slam.py').write_text(CRASHING)
     finished = simulate(tmp_path / 'run', '--duration', '20', '--slam',
                         shlex.join([sys.executable, str(tmp_path / 'slam.py')]), *RECORDED,
-                        *(word for setting in PLAIN for word in ('--set', setting)))
+                        *(word for setting in (*PLAIN, *TINY) for word in ('--set', setting)))
     assert finished.returncode == 1
     error = finished.stderr.strip().splitlines()[-1]
     assert f'slam_node ended with status 1: {sys.executable}: crashed with SIGABRT' in error

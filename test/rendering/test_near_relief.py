@@ -31,20 +31,24 @@ class Heights:
         sun = sun_direction(SUN.azimuth_deg, SUN.elevation_deg)
         tiles = start_tiles(DETAIL, seed, sun).result()
         self.tiles = tiles.coarse, tiles.fine
+        self.top_m = sum(float(tile.heights.max()) for tile in self.tiles)
         self.salience = tiles.coarse.codes[0][..., 3].astype(np.float32) / 255.0
 
     def __call__(self, xy):
         """Return (n,) heights at (n, 2) places [m]."""
         p, own, next_one, lead = places(xy)
         period = [tile.period_m for tile in self.tiles]
-        lead = lead + (bilinear(self.salience, p / period[0] + own[:, :2])
-                       - bilinear(self.salience, p / period[0] + next_one[:, :2]))
-        other = np.clip(0.5 - 3.0 * lead, 0.0, 1.0)
+        other = np.zeros(len(xy))
+        k = np.flatnonzero(lead < 7.0 / 6.0)    # salience is 0 to 1: it changes nothing beyond
+        lead = lead[k] + (bilinear(self.salience, p[k] / period[0] + own[k, :2])
+                          - bilinear(self.salience, p[k] / period[0] + next_one[k, :2]))
+        other[k] = np.clip(0.5 - 3.0 * lead, 0.0, 1.0)
         height = np.zeros(len(xy))
         for share, shift in ((1.0 - other, own), (other, next_one)):
-            for k, tile in enumerate(self.tiles):
-                at = p / period[k] + shift[:, 2 * k:2 * k + 2]
-                height += share * bilinear(tile.heights, at)
+            k = np.flatnonzero(share)
+            for n, tile in enumerate(self.tiles):
+                at = p[k] / period[n] + shift[k, 2 * n:2 * n + 2]
+                height[k] += share[k] * bilinear(tile.heights, at)
         return height
 
 
@@ -78,7 +82,7 @@ def looked_up(frame, rays, T, heights, config):
     ray, depth = (rays @ T[:3, :3].T)[chosen], frame.depth_m[chosen]
     # From above all relief on, in steps of 1 mm of height and less than 4 mm along the ground.
     step = np.minimum(0.001 / -ray[:, 2], 0.004 / np.hypot(*ray[:, :2].T))
-    t = (0.03 - T[2, 3]) / ray[:, 2]
+    t = (heights.top_m - T[2, 3]) / ray[:, 2]
     met = np.full(len(t), np.nan)
     active = np.arange(len(t))
     for _ in range(600):
@@ -98,7 +102,7 @@ def looked_up(frame, rays, T, heights, config):
     free = np.ones(len(t), bool)
     place = T[:3, 3] + met[:, None] * ray
     for along in np.arange(0.001, 0.16, 0.001):
-        k = np.flatnonzero(free)
+        k = np.flatnonzero(free & (place[:, 2] + along * sun[2] < heights.top_m))
         q = place[k] + along * sun
         free[k] = q[:, 2] > heights(q[:, :2])
     view = -ray / np.linalg.norm(ray, axis=1, keepdims=True)
@@ -226,10 +230,10 @@ def free_of_relief(xy, height, lamp, heights):
     far = np.hypot(arm[:, 0], arm[:, 1])
     free = np.ones(len(xy), bool)
     for along in np.arange(0.004, 0.16, 0.001):
-        k = np.flatnonzero(free)
+        ray = height + along / far * arm[:, 2]
+        k = np.flatnonzero(free & (ray < heights.top_m))
         share = (along / far[k])[:, None]
-        ray = height[k] + share[:, 0] * arm[k, 2]
-        free[k] = ray > heights(xy[k] + share * arm[k, :2]) - 1e-3
+        free[k] = ray[k] > heights(xy[k] + share * arm[k, :2]) - 1e-3
     return free
 
 
