@@ -7,7 +7,7 @@ import synthetic_bag
 import worlds
 
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.map_evaluation import evaluate_maps, NEAR_M
+from lunar_rover_sim.evaluation.map_evaluation import CELL_M, DISTANCES_M, evaluate_maps, NEAR_M
 from lunar_rover_sim.evaluation.true_surface import TrueSurface
 from lunar_rover_sim.world.world_folder import save_world
 
@@ -36,6 +36,20 @@ def test_a_true_map_with_an_offset_has_that_error(folder, tmp_path):
     assert 0.02 <= result.near.rms_m < 0.03
     assert result.near.cells == sum(one.cells for one in result.by_distance
                                     if one.high_m <= NEAR_M)
+
+
+def test_each_band_has_the_errors_of_its_cells(tmp_path):
+    """Those whose middles are as far from the rover, in the raster that maps are judged in."""
+    world = worlds.small(1, **worlds.BARE)
+    save_world(world, tmp_path / 'world')
+    axis = (np.arange(round(map_bag.SIZE_M / map_bag.CELL_M)) + 0.5) * map_bag.CELL_M
+    middle = (np.floor((axis - 0.5 * map_bag.SIZE_M) / CELL_M) + 0.5) * CELL_M
+    away = np.hypot(*np.meshgrid(middle, middle))
+    result = evaluate_maps(map_bag.write(tmp_path / 'bag', world,
+                                         error_m=0.2 * (away < DISTANCES_M[1]).ravel()),
+                           tmp_path / 'world')
+    inner, outer, *_ = result.by_distance
+    assert inner.rms_m == pytest.approx(0.2, abs=0.01) and outer.rms_m < 0.01
 
 
 def test_flags_are_right_or_missing(folder, tmp_path):
