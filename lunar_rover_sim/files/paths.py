@@ -180,12 +180,14 @@ def file_hash(path: Path) -> str:
 def lock(path: Path, mode: int | None = 0o644) -> int:
     """Return a descriptor that locks a folder, or a file that is made if it is missing.
 
-    The lock holds until the descriptor is closed or its process ends. mode: of a file that is
-    made; None: none is made, and the file is only read.
+    The lock holds until the descriptor is closed or its process ends.
+
+    Args:
+        mode: Permissions of a file that is made; None makes none, and opens the file to read it.
 
     Raises:
         BlockingIOError: If another descriptor holds the lock.
-        OSError: If there is none.
+        OSError: If there is no such file or folder.
     """
     if path.is_dir():
         descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)

@@ -1,7 +1,8 @@
 """Sunlit ground: boundaries of shadows over nested height grids.
 
-The sun does not move during a run, so this is done once per (world, sun). For every sample of
-every level two numbers are kept, both measured along the central ray from the ground to the sun:
+This is done once per world and sun; the sun of a date moves in steps (`sun_path`). For every
+sample of every level two numbers are kept, both measured along the central ray from the ground to
+the sun:
 
 - clearance_m: how far the ray passes above (negative: below) the relief that limits it, measured
   perpendicular to the ray;

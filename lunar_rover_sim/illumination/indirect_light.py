@@ -30,8 +30,8 @@ def indirect_light(heights_m: F32, cell_m: float, lit: F32, direction: NDArray[n
     ground around it, of which upright faces see one half
 
     Args:
-        heights_m: (n, n).
-        cell_m: Its pitch.
+        heights_m: (n, n) heights of the grid [m].
+        cell_m: Distance of its samples [m].
         lit: (n, n) share of the sun's disc that is seen.
         direction: (3,) unit vector to the sun.
         albedo: Diffuse albedo of the ground.

@@ -187,8 +187,8 @@ class Gait(RoverTask):
     def reward(self) -> float:
         """Return the reward of the decision that is over.
 
-        Its sum over the episode has the miss of the whole way, not that of each decision: within
-        a cycle the speed varies.
+        Summed over an episode, the error of the whole way counts, not that of each decision, since
+        the speed varies within a cycle.
         """
         c, (speed, yaw_rate), time_s = self.config, self._commanded, self._time_s
         judged = self.state.stamp_ns * 1e-9 > c.start_s + 1e-9

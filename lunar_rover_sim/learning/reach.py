@@ -197,7 +197,7 @@ class Reach(RoverTask):
         return height
 
     def _seen_elevation(self, places: Array) -> Array:
-        """Look, and return the heights of the map, which is a decision old as it is in a graph."""
+        """Look; return heights of the map of the decision before, as a graph would have it."""
         state, seen, before = self.state, self._seen, self._mapped
         T, config = state.T_world_base, self._map.config
         self._map.add_depth(state.stamp_ns, seen.look(T, config.max_range_m), seen.K,

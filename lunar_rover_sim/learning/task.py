@@ -42,12 +42,12 @@ STATE_HZ = 200          # of the messages of physics_node
 SETTLE_S = 0.5
 FALLEN_DEG = 60.0       # tilt at which an episode ends
 PUSH_S = 0.2
-_PLACES = 8             # draws of conditions until the rover stands
+_PLACES = 8             # most draws of conditions until the rover stands
 
 
 @dataclasses.dataclass(frozen=True)
 class TaskConfig(Parameters):
-    """What all tasks have; a task adds its own."""
+    """Parameters that all tasks have; a task adds its own."""
 
     ground: str = param('highland', 'rigid, or a soil', choices=GROUNDS)
     rover: str = param(DEFAULT_ROVER, 'a packaged rover, quad or hexapod, or a rover file')
@@ -120,7 +120,7 @@ class Driver(abc.ABC):
 
 
 class RoverTask(abc.ABC):
-    """An episode after another of one rover."""
+    """Episodes of one rover, one after the other."""
 
     name: str
     config: TaskConfig

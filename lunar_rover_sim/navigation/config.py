@@ -75,7 +75,7 @@ class MapConfig(Parameters):
 
 @dataclasses.dataclass(frozen=True)
 class TraversabilityConfig(Parameters):
-    """What of a map the rover can cross; 0 takes the limit of its description."""
+    """What the rover can cross; 0: the limit that follows from its description."""
 
     max_step_m: float = param(0.0, 'height over the ground around it that the rover must not '
                               'cross; 0: its belly clearance while it walks, or 0.6 of a spoke, '

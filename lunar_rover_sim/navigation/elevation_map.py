@@ -206,7 +206,7 @@ class ElevationMap:
 
 
 def _without_edges(depth_m: F32, margin_px: int) -> F32:
-    """Return a depth without what is so near to a pixel without depth."""
+    """Return a depth image without the pixels that near to one without depth."""
     if margin_px == 0:
         return np.ascontiguousarray(depth_m)
     side = 2 * margin_px + 1
@@ -307,7 +307,7 @@ def _scatter_points(points: Array, T: Array, corner: NDArray[np.int64], cell_m: 
 
 @compiled
 def _average(sums: Array, floor: float) -> None:
-    """Make of the sums of a frame variance, mean and spread of the heights of a cell."""
+    """Turn the sums of a frame into variance, mean and spread of the heights of a cell."""
     rows, columns = sums.shape[1:]
     for r in range(rows):
         for c in range(columns):
@@ -338,7 +338,7 @@ def _fuse(mean: Array, variance: Array, spread: Array, count: Array, height: F32
                 continue
             off = mean[r, c] - height[r, c]
             total = known_variance[r, c] + variance[r, c]
-            # A rock within a cell is seen from its side now and from above then.
+            # A rock within a cell is seen now from its side and now from above.
             if off * off <= gate * gate * (total + spread[r, c]):
                 gain = known_variance[r, c] / total
                 height[r, c] += gain * off

@@ -343,7 +343,7 @@ class Navigator:
         self._look = self._facing_ns = self._planned_ns = None
         self._history.clear()
         if what is not None:
-            # What is still unknown then is in shadow: rather a way around, else through it.
+            # What is still unknown then is in shadow: go around it where possible, else through.
             self._discs.append(Disc(float(what[0]), float(what[1]), _SHADOW_RADIUS_M,
                                     _SHADOW_COST, self._now_ns + _REMEMBERED_NS))
         return _still(LOOKING, 'looks')
@@ -445,10 +445,10 @@ class Navigator:
 
 
 def _arc(position: Array, heading: float, steering: Steering, length_m: float) -> Array:
-    """Return points (n, 2) of the way that a steering leads."""
+    """Return (n, 2) points of the arc that a steering follows [m]."""
     along = np.linspace(0.0, length_m, _ARC_POINTS)
     angle = heading + 0.5 * along * steering.yaw_rate_radps / steering.forward_mps
-    # A chord of an arc points half its turn aside; it is nearly as long.
+    # The chord from its start is turned by half the angle of the arc, and nearly as long.
     return position[:2] + along[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 

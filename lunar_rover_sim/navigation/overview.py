@@ -103,8 +103,7 @@ class Overview:
 
     def _to_goal(self, goal: NDArray[np.int64], cells: NDArray[np.int64]
                  ) -> tuple[NDArray[np.int64], Array]:
-        """Return the costs of ways to a goal, and the first cell of them; they reach (n, 2) cells.
-        """
+        """Return row and column of a part that holds the (n, 2) cells, and its costs to a goal."""
         if self._way is not None and tuple(goal) == self._way[0]:
             low, total = self._way[1]
             if (cells >= low).all() and (cells < low + total.shape).all():

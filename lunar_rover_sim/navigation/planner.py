@@ -26,7 +26,7 @@ class Disc:
     """Ground that the rover knows more of than the map: where it bumped, or saw nothing.
 
     Attributes:
-        cost: What a way through it costs more; inf: it must not be crossed.
+        cost: Added to that of the ground in it; inf: it must not be crossed.
         until_ns: When it is forgotten [ns].
     """
 

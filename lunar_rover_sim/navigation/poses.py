@@ -136,7 +136,7 @@ class LevelledWheels:
             self._yaw = math.atan2(T[1, 0], T[0, 0])
             self._position, self._before = T[:3, 3].copy(), pose
         step = pose[:2] - self._before[:2]
-        # Over the step the rover has looked midway.
+        # The heading of a step is the mean of those at its ends.
         heading = 0.5 * (self._before[2] + pose[2])
         along = step[0] * math.cos(heading) + step[1] * math.sin(heading)
         self._before = pose

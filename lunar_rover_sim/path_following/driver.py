@@ -61,7 +61,7 @@ class PurePursuit:
         """Return the steering at a position ((2,) or (3,), odom [m]) and heading [rad].
 
         Args:
-            lookahead_m: Instead of that of the configuration.
+            lookahead_m: Replaces that of the configuration [m].
         """
         config, route = self._config, self._route
         ahead = config.lookahead_m if lookahead_m is None else lookahead_m
@@ -169,7 +169,7 @@ class Driver:
 
     def update(self, stamp_ns: int, position_m: ArrayLike,
                orientation_wxyz: ArrayLike) -> DriveCommand:
-        """Return the command at a pose: position (3,) [m], orientation (4,), odom frame.
+        """Return the command at a pose: position (3,) [m], orientation (4,) wxyz, in odom.
 
         If time goes backward, the drive starts again. A pose that is not finite stops it.
         """

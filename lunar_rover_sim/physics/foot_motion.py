@@ -1,16 +1,16 @@
 """Motion of each foot over the ground, from the true motion of the rover: sweep and slip.
 
 A wheel of radius r slips by i = 1 - v / (r omega) (Wong, Theory of Ground Vehicles, 2008, ch. 2):
-the part of its driven way that it does not get on. For a spoke leg the driven way is what the leg
-sweeps its foot backward past the axle, which changes over a step. So both are speeds of the point
-with which the lowest tip of a leg stands on the ground, along the heading, counted while the leg
-is loaded:
+the share of its driven way by which it does not advance. For a spoke leg the driven way is what
+the leg sweeps its foot backward past the axle, which changes over a step. So both are speeds of
+the point with which the lowest tip of a leg stands on the ground, along the heading, counted while
+the leg is loaded:
 
     sweep = -((w + q' y) x (c - a)) . h,    slip = sweep - (v + w x (a - o)) . h
 
 with the point c, the axle a and its direction y, joint rate q', origin o, velocity v and rate w of
 base_link, and h its x axis along the ground: the leg turns by its motor and with the body, and
-what the axle does not get on is slip. A foot that holds has slip 0, the foot of a rover
+what the axle does not advance is slip. A foot that holds has slip 0, the foot of a rover
 that does not move slip = sweep. Over a time the slip ratio of a leg is the integral of slip over
 that of sweep. At a single stamp it would be infinite where the sweep passes 0.
 """
@@ -109,8 +109,8 @@ class SlipMeter:
     Attributes:
         swept_m, slipped_m: (legs,) ways backward past the axle and over the ground since the
             start.
-        driven_m: Of the rover, by the mean sweep of the legs that are loaded at a time.
-        way_m: That it went along its heading, also while no leg is loaded.
+        driven_m: Way of the rover by the mean sweep of the legs that are loaded at each time.
+        way_m: Way that it went along its heading, also while no leg is loaded.
     """
 
     def __init__(self, legs: int) -> None:

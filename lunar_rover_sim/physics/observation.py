@@ -57,7 +57,7 @@ class Observer:
         self._last_quat, self._last_imu_velocity = motion
 
     def after_jump(self) -> None:
-        """Take the present motion for that of the state before: the IMU feels nothing of it."""
+        """Take the present motion as that of the state before, so that the IMU feels no jump."""
         quat = self._qpos[3:7].copy()
         swing = np.cross(self._qvel[3:6], self._imu_position)
         self.motion = quat, matrix_from_wxyz(quat) @ swing + self._qvel[:3]
@@ -66,11 +66,15 @@ class Observer:
                 torque: Array) -> RoverState:
         """Return the state now, with the IMU signals of the motion since the previous state.
 
-        wrench (legs, 6), torque (legs,): means of `leg_wrench` and `motor_torque` over it
-
         The rate is the constant rate that turns the previous attitude into the present one. The
         specific force is the mean acceleration of the IMU minus gravity, in the axes halfway
         between both attitudes.
+
+        Args:
+            stamp_ns: Of the state [ns].
+            interval_s: Time since the previous state [s].
+            wrench: (legs, 6) mean of `leg_wrench` over it.
+            torque: (legs,) mean of `motor_torque` over it [N m].
         """
         # ndarray.dot and MuJoCo's functions take a third of the time of @ and np.cross here.
         qpos, qvel = self._qpos, self._qvel

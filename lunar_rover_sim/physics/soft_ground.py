@@ -32,10 +32,10 @@ from lunar_rover_sim.world.grid import HeightGrid
 
 logger = logging.getLogger(__name__)
 
-# Part of a spoke below ground from which on a leg is dug in. The belly of the default rover lies
-# on flat ground at 0.72 to 0.76.
+# Share of a spoke below ground from which a leg counts as dug in. The belly of the default rover
+# lies on flat ground at 0.72 to 0.76.
 DUG_IN_SPOKES = 0.7
-DEEPEST_SPOKES = 10.0   # deeper than so many spokes no tip is in the ground: it has diverged
+DEEPEST_SPOKES = 10.0   # a tip that is deeper, in lengths of a spoke, has diverged
 SLIDE_M = 0.02          # way slipped after which the walls of a rut slide
 _NO_MAP = np.zeros((1, 1), np.float32)
 
@@ -94,12 +94,12 @@ class SoftGround:
         """Make steps of soil and MuJoCo.
 
         Args:
-            steps: how many.
-            wrench: (legs, 6), those of all steps are added to it, as `Observer.leg_wrench`.
-            torque: (legs,), likewise, as `Observer.motor_torque`.
+            steps: Their number.
+            wrench: (legs, 6), to which `Observer.leg_wrench` of every step is added.
+            torque: (legs,), to which `Observer.motor_torque` of every step is added.
 
         Raises:
-            PhysicsError: a tip has diverged.
+            PhysicsError: If a tip has diverged.
         """
         overlay, walls = self.overlay, self._walls
         end = self._count + steps
@@ -114,7 +114,7 @@ class SoftGround:
                 self._leave_prints()
 
     def observe(self) -> GroundContact:
-        """Return sinkage and slip per leg; slip since the last call."""
+        """Return sinkage [m] and mean slip since the last call [m/s], per leg."""
         sinkage = np.empty(len(self._slipped))
         law.sinkage_of(self._tips, sinkage)
         slip = self._slipped / (max(1, self._count - self._observed) * self._step_s)

@@ -23,7 +23,7 @@ class RoverState:
         angular_velocity_radps: (3,) base axes.
         joint_angle_rad: (legs,) unwrapped, order of the rover's legs.
         joint_velocity_radps: (legs,).
-        motor_torque_nm: (legs,) electric torque at the leg, before the friction of the gear.
+        motor_torque_nm: (legs,) electromagnetic torque at the leg, before friction of the gear.
         motor_current_a: (legs,) winding current.
         contact_force_n: (legs, 3) ground reaction on each leg, world axes.
         contact_torque_nm: (legs, 3) its torque about the axle, world axes.

@@ -34,12 +34,12 @@ FRICTION_RATIO = _LOOSE.friction / _FIRM.friction
 
 @dataclasses.dataclass(frozen=True)
 class SoilMap:
-    """How loose a soil is over the ground; beyond it, it is as it is.
+    """How much looser than its preset the soil is, place by place; beyond the map it is not.
 
-    `law.looseness_factors` makes factors on bearing and friction of it.
+    `law.looseness_factors` turns it into factors on bearing and friction.
 
     Attributes:
-        looseness: From 0, the soil as it is, to 1.
+        looseness: From 0, the soil of the preset, to 1.
         variation: 0 for a uniform soil, 1 for its full looseness.
     """
 

@@ -31,7 +31,7 @@ TOLERANCE_DEG = 0.8     # of the slope that is left
 SLIDE_S = 0.1           # time after which walls slide, for all prints of a leg at once
 WIDEST = 40             # samples of such prints, along one side
 SPREAD = 4              # samples around them to which their walls mostly slide
-_SWEEPS, _MOST_SWEEPS = 32, 384     # until it is looked whether soil still slides; at most
+_SWEEPS, _MOST_SWEEPS = 32, 384     # from one check whether soil still slides to the next; most
 _GROW, _OVER_EDGE_M = 6, 2e-4    # samples by which a window grows where so much runs over its edge
 
 Point = Sequence[float]     # x, y, z
@@ -138,7 +138,7 @@ class WallSlides:
         self.next_step = math.inf
 
     def forget(self) -> None:
-        """Let no wall slide that was to."""
+        """Forget the walls that were to slide."""
         self._waiting = [None] * len(self._due)
         self.next_step = math.inf
 
@@ -233,7 +233,7 @@ def _slide(base: np.ndarray, change: np.ndarray, slid: np.ndarray, slope: float,
     """Let a window slide; `slid` becomes what each sample gains.
 
     Half of the tolerance is where soil comes to rest; it is looked after many sweeps whether all
-    slopes are within the tolerance, so that this hardly ever hangs on the last digits.
+    slopes are within the tolerance, so that this hardly ever depends on the last digits.
 
     Returns:
         Whether anything slid, and whether soil came to the edge of the window.

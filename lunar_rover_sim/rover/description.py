@@ -216,7 +216,7 @@ class Motor(Parameters):
         return self.no_load_speed_radps / self.gear_ratio
 
     def current_a(self, leg_torque_nm: Any) -> Any:
-        """Return the winding current [A] for an electric torque at the leg [N m]."""
+        """Return the winding current [A] for an electromagnetic torque at the leg [N m]."""
         return leg_torque_nm / (self.gear_ratio * self.motor_constant)
 
     def electric_power_w(self, leg_torque_nm: Any, leg_speed_radps: Any) -> Any:

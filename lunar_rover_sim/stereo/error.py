@@ -84,7 +84,7 @@ class StereoErrors:
         return float((k + share) * _BIN_PX - _LARGEST_BINNED_PX)
 
     def summary(self) -> dict[str, float]:
-        """Return shares of 1 and errors in px; NaN where there is nothing to divide by."""
+        """Return shares, 0 to 1, and errors [px]; NaN where nothing was counted."""
         unmatched = self.ground - self.matched
 
         def share(part: float, whole: float) -> float:
