@@ -29,9 +29,10 @@ DESIGNS = (SOBOL, LATIN_HYPERCUBE, RANDOM, GRID)
 def unit_points(design: str, count: int, dimensions: int, seed: int) -> NDArray[np.float64]:
     """Return (count, dimensions) points in [0, 1), the same for the same arguments.
 
-    latin_hypercube: each of `count` equal slices of each dimension holds one point (McKay, Beckman
-    and Conover, 1979). sobol: a scrambled low-discrepancy sequence (Owen, 1998), of which more
-    episodes are a continuation. random: independent points.
+    Args:
+        design: `latin_hypercube`: each of `count` equal slices of each dimension holds one point
+            (McKay, Beckman and Conover, 1979). `sobol`: a scrambled low-discrepancy sequence
+            (Owen, 1998), which more episodes continue. `random`: independent points.
     """
     generator = np.random.default_rng(seed)
     if not count or not dimensions:

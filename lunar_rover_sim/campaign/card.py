@@ -36,7 +36,7 @@ _BAG = ('rosbag2 (MCAP or SQLite), all topics; the bag of an episode is checked 
 def make_card(dataset: Path) -> dict[str, Any]:
     """Return the data card of a data set as plain values.
 
-    statistics: name → mean, min, max over the episodes, and total of what can be summed
+    Its `statistics` are name → mean, min, max over the episodes, and total of what can be summed.
 
     Raises:
         CampaignError: If the folder is not a data set.

@@ -72,7 +72,7 @@ def _encode(path: Path, frames: Iterator[U8], rate_hz: float) -> int:
         if writer is not None:
             writer.release()
     if not count:
-        raise ConfigError('a film without a frame is not valid')
+        raise ConfigError('film: 0 frames are not valid; valid is at least one')
     return count
 
 
@@ -89,7 +89,7 @@ def _animate(path: Path, frames: Iterator[U8], rate_hz: float, quality: int) -> 
     each = pictures()
     first = next(each, None)
     if first is None:
-        raise ConfigError('a film without a frame is not valid')
+        raise ConfigError('film: 0 frames are not valid; valid is at least one')
     first.save(path, save_all=True, append_images=each, duration=round(1e3 / rate_hz), loop=0,
                quality=quality, method=4)
     return count

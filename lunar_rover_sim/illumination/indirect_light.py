@@ -26,8 +26,8 @@ def indirect_light(heights_m: F32, cell_m: float, lit: F32, direction: NDArray[n
                    albedo: float) -> tuple[F32, F32]:
     """Return (irradiance, surroundings), both (n, n) and per normal irradiance of the sun.
 
-    irradiance: what other ground sends to each point of the grid; surroundings: exitance of the
-    ground around it, of which upright faces see one half
+    The irradiance is what other ground sends to each point of the grid, the surroundings are the
+    exitance of the ground around it, of which upright faces see one half.
 
     Args:
         heights_m: (n, n) heights of the grid [m].

@@ -37,10 +37,12 @@ class SubjectStatus:
 
 
 class Diagnostics:
-    """Publishes what functions report, under `NODE: SUBJECT`; its timer keeps it.
+    """Publishes what functions report, under `NODE: SUBJECT`; the timer keeps it alive.
 
-    subjects: subject → function that is called once a second, read or not, so that each call
-        covers one second
+    Args:
+        node: Whose state is reported.
+        subjects: Subject → function that is called once a second, read or not, so that each call
+            covers one second.
     """
 
     def __init__(self, node: GraphNode, subjects: dict[str, Callable[[], SubjectStatus]]) -> None:
@@ -70,7 +72,8 @@ class Diagnostics:
 class Rate:
     """The frequency of an event by the wall clock, over a window of five seconds.
 
-    target_hz: lower by more than a tenth is a warning; 0 for no target
+    Args:
+        target_hz: Expected frequency; one lower by more than a tenth is a warning; 0: none.
     """
 
     def __init__(self, target_hz: float) -> None:

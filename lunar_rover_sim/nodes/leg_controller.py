@@ -195,7 +195,9 @@ class VelocitySubscription:
 
     Of both types at once the newest message counts.
 
-    on_velocity: gets the Twist of each message
+    Args:
+        node: Subscribes.
+        on_velocity: Called with the Twist of each message.
     """
 
     def __init__(self, node: GraphNode, on_velocity: Callable[[Twist], None]) -> None:

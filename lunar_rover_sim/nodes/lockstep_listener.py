@@ -35,16 +35,17 @@ class LockstepListener:
     A topic without a handler is subscribed as soon as it has a publisher, with its type. So any
     message with a stamp takes part: joint commands, camera_info, a user's pose.
 
-    lockstep: whether time waits; then an answer with stamp 0 and a lost one end the node
-    now_ns: returns the newest simulated time [ns] that the node knows of, None before the first.
-        A stamp more than a second after it is refused, because it would hold the gate open until
-        then. Answers that come before the first time are kept until `judge_early`.
-    on_answer: called after every answer
-
     Attributes:
         drops: Answers that were lost or refused.
 
     Args:
+        node: Subscribes.
+        wait: The awaited topics, their lags, and how long they may take.
+        lockstep: Whether time waits; then an answer with stamp 0 and a lost one end the node.
+        now_ns: Returns the newest simulated time [ns] that the node knows of, None before the
+            first. A stamp more than a second after it is refused, because it would hold the gate
+            open until then. Answers that come before the first time are kept until `judge_early`.
+        on_answer: Called after every answer.
         handlers: Topic → callback that gets each message before the gate learns its stamp; the
             type of these topics has a header.
         relays: Topics whose publishers wait for somebody else's first answer in turn; in the first

@@ -21,7 +21,7 @@ class MovingSun:
     """Moves the sun of a renderer, step by step.
 
     In lockstep a frame waits for the light of its step. In real time that is computed beside the
-    drawing, which takes seconds, and frames have the light of before until it is there.
+    drawing, which takes seconds, and frames keep the earlier light until it is ready.
     """
 
     def __init__(self, node: Node, config: RenderNodeConfig, renderer: Renderer) -> None:

@@ -17,7 +17,11 @@ from rclpy.node import Node
 
 
 class Stepping:
-    """Steps granted while time is paused; wake: makes the node look, from any thread."""
+    """Steps granted while time is paused.
+
+    Args:
+        wake: Makes the node look for granted steps; it may be called in any thread.
+    """
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self._wake = wake
@@ -86,8 +90,12 @@ _FIRST_REPORT_S, _REPORT_S = 5.0, 60.0
 class WallPace:
     """How much simulated time is due by the wall clock at a real-time factor.
 
-    most_periods: what may be made up for at once; what is more is given up, and reported once a
-        minute with the factor that was reached in the mean since the last report
+    Args:
+        factor: Simulated time per wall time.
+        period_ns: Simulated time of a period [ns].
+        most_periods: Largest delay that is made up for, in periods. The rest is given up, and
+            reported once a minute with the mean factor since the last report.
+        logger: Gets the reports.
     """
 
     def __init__(self, factor: float, period_ns: int, most_periods: int, logger: Any) -> None:

@@ -20,7 +20,13 @@ _LATE_NS, _ERROR_TIMES, _ERROR_SHARE = 100_000_000, 10, 0.5
 class PhysicsDiagnostics:
     """Reports on a running simulation.
 
-    now_ns: returns the simulated time [ns]; is_paused: whether it stands still on purpose
+    Args:
+        node: physics_node.
+        config: Its parameters.
+        gate: Knows by how much participants lag.
+        drops: Messages that were lost.
+        now_ns: Returns the simulated time [ns].
+        is_paused: Returns whether time stands still on purpose.
     """
 
     def __init__(self, node: GraphNode, config: PhysicsNodeConfig, gate: StampGate, drops: Drops,

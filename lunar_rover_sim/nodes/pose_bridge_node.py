@@ -60,8 +60,13 @@ def make_target(node: GraphNode, config: PoseBridgeNodeConfig) -> PoseTarget:
 class EntityStates:
     """Sets the entities of a state one by one: a call follows the answer to the one before.
 
-    client: of the service; kind: its type, version 1 or 2; ok: the code of success
-    guarded: wraps what the executor calls
+    Args:
+        client: Of the service.
+        kind: Its type, version 1 or 2.
+        ok: The code of success.
+        frame_id: Of the poses.
+        send_twist: Whether velocities are sent, too.
+        guarded: Wraps what the executor calls.
     """
 
     def __init__(self, client: Any, kind: Any, ok: int, frame_id: str, send_twist: bool,

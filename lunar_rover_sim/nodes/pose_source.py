@@ -35,8 +35,7 @@ class PoseSource:
     """Subscriptions of one source of poses, and the poses of the last seconds.
 
     An estimate begins at the true start: a rover knows where it was set down. From then on only
-    the estimate counts. Of a SLAM program that begins another map, wheels and IMU say where that
-    is.
+    the estimate counts. Where a SLAM program begins another map, wheels and IMU place it.
 
     Attributes:
         frame_id: Frame of the poses.

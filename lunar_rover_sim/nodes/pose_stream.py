@@ -49,10 +49,12 @@ class PoseStream:
     A state that was refused, or not answered, is sent again after a second, unless a newer one has
     come: so the other simulator shows the newest state, however slow it is.
 
-    answer_s: wall time that an answer may take
-    taken: called with the stamp [ns] of each state that the other simulator has taken
-    lost: called with the kind and the reason of each loss
-    clock: returns wall time [s]
+    Args:
+        target: The other simulator.
+        answer_s: Wall time that an answer may take [s].
+        taken: Called with the stamp [ns] of each state that the other simulator has taken.
+        lost: Called with the kind and the reason of each loss.
+        clock: Returns wall time [s].
     """
 
     def __init__(self, target: PoseTarget, answer_s: float, taken: Callable[[int], None],
@@ -105,7 +107,9 @@ class PoseStream:
 class LossLog:
     """Tells of losses at once, and then at most once a minute of wall time.
 
-    tell: gets the line; clock: returns wall time [s]
+    Args:
+        tell: Called with the line.
+        clock: Returns wall time [s].
     """
 
     def __init__(self, tell: Callable[[str], None],

@@ -32,12 +32,15 @@ _NEEDED = 'valid in lockstep is RELIABLE, VOLATILE, as QoSProfile(depth=10) of r
 class ReaderDiscovery:
     """Finds out when every participant has been discovered and matched.
 
-    publishers: those of the node
-    participants: topics by whose publishers participants are recognised; without any, nothing is
-        awaited
+    It is complete as soon as each of the topics of participants has a publisher, all readers that
+    the node knows of are matched with its own publishers, and nothing of this has changed for
+    0.2 s.
 
-    It is complete as soon as each of these topics has a publisher, all readers that the node
-    knows of are matched with its own publishers, and nothing of this has changed for 0.2 s.
+    Args:
+        node: Whose readers are awaited.
+        publishers: Those of the node.
+        participants: Topics by whose publishers participants are recognised; without any, nothing
+            is awaited.
     """
 
     def __init__(self, node: Node, publishers: Sequence[Publisher],

@@ -265,7 +265,7 @@ class RenderNode(node_main.GraphNode):
         if lockstep and self._config.await_ground and not self._ground.knows(stamp):
             return None
         if self._begun and self._sun.is_due(stamp):
-            return None     # those under way have the light of before
+            return None     # frames under way have the earlier light
         self._poses.popleft()
         joints_raw = self._joints.pop(stamp, None) if lockstep else \
             self._joints.get(stamp, next(reversed(self._joints.values()), None))

@@ -65,7 +65,7 @@ class RunConfig(Parameters):
                             'names its own. Empty: any world')
 
     def validate(self) -> None:
-        """Raise ConfigError if a node is named twice or the hash is none."""
+        """Raise ConfigError if a node is named twice or the hash is not one."""
         if self.world_hash and not re.fullmatch('[0-9a-f]{32}', self.world_hash):
             raise ConfigError(f'world_hash: {self.world_hash!r} is not valid; valid are 32 '
                               'hexadecimal digits, or nothing for any world')

@@ -63,7 +63,11 @@ class LinePower:
 class PowerMonitors:
     """Measures the lines of some motors.
 
-    rng: generator of gains and offsets, which are drawn here
+    Args:
+        motor: Each of them.
+        motors: Their number.
+        config: The parts.
+        rng: Generator of gains and offsets, which are drawn once, here.
     """
 
     def __init__(self, motor: Motor, motors: int, config: PowerMonitorConfig,

@@ -69,7 +69,8 @@ class ShardWriter:
             self._tar = tarfile.open(self._path, 'w', format=tarfile.USTAR_FORMAT)
         for extension in sorted(files):
             if not _EXTENSION.fullmatch(extension):
-                raise SequenceError(f'extension of a sample: {extension!r} is not valid')
+                raise SequenceError(f'extension of a sample: {extension!r} is not valid; '
+                                    'valid are small letters, digits, _ and .')
             member = tarfile.TarInfo(f'{key}.{extension}')  # its time and owner are 0
             member.size = len(files[extension])
             self._tar.addfile(member, io.BytesIO(files[extension]))

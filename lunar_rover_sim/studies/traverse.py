@@ -168,7 +168,12 @@ PATH_PERIODS = round(PATH_PERIOD_S / STATE_PERIOD_S)
 class TraverseDrive:
     """A drive in progress; `run` it once.
 
-    plan: returns (n, 2) waypoints from a position (2,) on, or raises StudyError
+    Args:
+        simulation: The rover on its ground.
+        controller: Its gait.
+        config: How it follows waypoints.
+        plan: Returns (n, 2) waypoints from a position (2,) on [m], or raises StudyError.
+        ground: Bounds the drive.
     """
 
     def __init__(self, simulation: Simulation, controller: GaitController, config: DriveConfig,
