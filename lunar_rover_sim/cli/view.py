@@ -1,4 +1,4 @@
-"""`lunar_rover_sim view`: physics alone in MuJoCo's viewer, for who tunes a gait."""
+"""`lunar_rover_sim view`: physics alone in MuJoCo's viewer, for those who tune a gait."""
 
 from __future__ import annotations
 

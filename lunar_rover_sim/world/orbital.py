@@ -35,9 +35,9 @@ class OrbitalErrors:
     """Errors of a map from orbit.
 
     Attributes:
-        height_m: Standard deviation of the heights.
-        shift_m: Standard deviation of the shift of the whole map, in x and in y.
-        noise: Standard deviation of the brightness of the photo, of its full scale.
+        height_m: Standard deviation of the heights [m].
+        shift_m: Standard deviation of the shift of the whole map, in x and in y [m].
+        noise: Standard deviation of the brightness of the photo, as a share of full scale.
         seed: Of what is drawn.
     """
 
