@@ -2,10 +2,12 @@
 
 import copy
 
+import numpy as np
 import psutil
 import pytest
 import synthetic_bag as synthetic
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import bag_hash, is_skipped, topic_hashes
 from lunar_rover_sim.bag.reader import open_bag
 
@@ -58,6 +60,22 @@ def test_a_message_more_or_less_changes_the_hash(items, original, tmp_path):
     fewer = list(items)
     del fewer[odometry(items)]
     assert bag_hash(synthetic.write(tmp_path / 'fewer', fewer)) != bag_hash(original)
+
+
+@pytest.mark.parametrize('stamp_ns', [None, 5_000_000])
+def test_messages_count_without_a_stamp_too_and_those_of_one_stamp_in_any_order(stamp_ns,
+                                                                               tmp_path):
+    def said(name, *texts):
+        items = ([synthetic.text(topics.SCENARIO, text) for text in texts] if stamp_ns is None
+                 else [synthetic.item(topics.ODOM, synthetic.odometry(stamp_ns, text, np.eye(4)))
+                       for text in texts])
+        return bag_hash(synthetic.write(tmp_path / name, items))
+
+    first = said('first', 'one', 'other')
+    assert said('again', 'one', 'other') == first
+    assert said('changed', 'one', 'another') != first and said('fewer', 'one') != first
+    # Who comes first of one stamp is chance; what has none is in the order of the log.
+    assert (said('turned', 'other', 'one') == first) == (stamp_ns is not None)
 
 
 def test_progress_is_told_once_a_message(items, original):

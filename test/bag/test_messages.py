@@ -1,6 +1,7 @@
 """Single messages: stamps in both byte orders, and what is wrong with a bad one."""
 
 import math
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -198,14 +199,16 @@ def test_every_joint_has_its_values():
 
 
 def test_camera_infos_have_focal_lengths_and_a_size():
-    good = {'k': np.diag([400.0, 400.0, 1.0]).ravel(), 'width': 640, 'height': 480,
-            'p': np.hstack([np.diag([400.0, 400.0, 1.0]), np.zeros((3, 1))]).ravel()}
+    good = {'k': np.diag([400.0, 410.0, 1.0]).ravel(), 'width': 640, 'height': 480,
+            'p': np.hstack([np.diag([420.0, 430.0, 1.0]), np.zeros((3, 1))]).ravel()}
     assert validity.camera_info_problem(SimpleNamespace(**good)) == ''
     for name, index in (('k', 0), ('k', 4), ('p', 0)):
         wrong = good[name].copy()
         wrong[index] = 0.0
         bad = SimpleNamespace(**{**good, name: wrong})
-        assert 'are not positive' in validity.camera_info_problem(bad)
+        said = validity.camera_info_problem(bad)
+        assert [float(number) for number in re.findall(r'\d+', said)] == [
+            bad.k[0], bad.k[4], bad.p[0]] and 'are not positive' in said
     for name in ('width', 'height'):
         assert validity.camera_info_problem(SimpleNamespace(**{**good, name: 0})) \
             == 'it has no size'

@@ -62,6 +62,10 @@ def test_cohesion_bears_by_the_bearing_capacity_of_prandtl():
     ground = GroundConfig(friction=float(np.tan(np.radians(35.0))), cohesion_kpa=1.0)
     assert ground.soil(1.62).cohesive_bearing_pa == pytest.approx(1e3 * (46.1 + 33.3), rel=0.01)
     assert PRESETS['highland'].cohesive_bearing_pa == 0.0
+    for cohesion_pa in (1e-3, 1.0, 50.0):
+        soil = dataclasses.replace(ground.soil(1.62), cohesion_pa=cohesion_pa)
+        assert soil.cohesive_bearing_pa == pytest.approx(
+            1e-3 * cohesion_pa * ground.soil(1.62).cohesive_bearing_pa)
 
 
 @pytest.mark.parametrize('values, message', [

@@ -84,6 +84,18 @@ def test_a_loaded_tip_digs_in_and_a_light_one_climbs():
     assert law.dig_slope(level, 1.125, table, DEEPEST) == pytest.approx(0.0, abs=0.05)
 
 
+@pytest.mark.parametrize('depth', [2.25, DEEPEST])
+def test_a_dragged_tip_moves_where_it_is_borne(depth):
+    """The way of a load is the one on which the swept ball bears that load."""
+    table = dig_table(GENERIC)
+    loads = np.linspace(0.125, 0.75, 11)
+    slopes = np.array([law.dig_slope(load, depth, table, DEEPEST) for load in loads])
+    inner = np.abs(slopes) < 1.9        # a way is no steeper than 2
+    assert inner.sum() > 5
+    off = np.abs(swept_bearing(GENERIC, depth, np.arctan(slopes[inner])) - loads[inner])
+    assert np.median(off) < 5e-4 and off.max() < 0.01      # facets come into play one by one
+
+
 def elastic(depth, plastic=0.01, before=0.0003, way=0.0, part=1.0, lean=0.0, soil=None):
     return law.yielded(depth, plastic, before, way, part, lean, record() if soil is None else soil,
                        dig_table(GENERIC), DEEPEST)
