@@ -63,8 +63,7 @@ def test_a_message_more_or_less_changes_the_hash(items, original, tmp_path):
 
 
 @pytest.mark.parametrize('stamp_ns', [None, 5_000_000])
-def test_messages_count_without_a_stamp_too_and_those_of_one_stamp_in_any_order(stamp_ns,
-                                                                               tmp_path):
+def test_what_has_no_stamp_counts_and_messages_of_one_stamp_have_no_order(stamp_ns, tmp_path):
     def said(name, *texts):
         items = ([synthetic.text(topics.SCENARIO, text) for text in texts] if stamp_ns is None
                  else [synthetic.item(topics.ODOM, synthetic.odometry(stamp_ns, text, np.eye(4)))

@@ -6,6 +6,7 @@ import math
 import numpy as np
 from physics_scene import ROVER
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.physics.soft_ground import soil_record
 from lunar_rover_sim.regolith import law
@@ -43,6 +44,48 @@ def test_silhouette_is_the_depth_summed_over_the_upright_section(depth):
 def test_nothing_bears_above_the_surface():
     assert law.bearing_n(-0.001, R, ZETA) == law.silhouette_m3(-0.001, R) == 0.0
     assert law.bears_n(-0.001, 0.3, record()) == law.ploughs_n(-0.001, 1.0, record()) == 0.0
+
+
+def placed(position, attitude, angles, velocity, rate, rates, legs, offsets):
+    """Return the records of two tips of each leg, for a body and legs that move."""
+    tips = np.zeros(2 * len(legs), law.TIP)
+    tips['leg'], tips['offset'] = np.repeat(np.arange(len(legs)), 2), offsets
+    law.place_tips(np.concatenate([position, np.roll(attitude.as_quat(), 1), angles]),
+                   np.concatenate([velocity, rate, rates]), legs, tips)
+    return tips
+
+
+def test_tips_are_carried_by_body_and_legs():
+    """Legs with any axle, axis and attitude, on a body at any attitude: places by SciPy's
+    rotations, velocities and rates as the derivatives of places."""
+    rng = np.random.default_rng(4)
+    turned, axis = Rotation.random(3, rng), rng.standard_normal((3, 3))
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    legs = np.zeros(3, law.LEG)
+    legs['axle'], legs['attitude'], legs['axis'] = rng.uniform(-0.3, 0.3, (3, 3)), \
+        turned.as_matrix(), axis
+    position, velocity, rate = rng.uniform(-1.0, 1.0, (3, 3))
+    angles, rates = rng.uniform(-3.0, 3.0, (2, 3))
+    attitude, offsets = Rotation.random(None, rng), rng.uniform(-0.1, 0.1, (6, 3))
+
+    def after(t):
+        return placed(position + t * velocity, attitude * Rotation.from_rotvec(t * rate),
+                      angles + t * rates, velocity, rate, rates, legs, offsets)
+
+    now, before, later = after(0.0), after(-1e-5), after(1e-5)
+    leg = now['leg']
+    arm = attitude.apply((turned * Rotation.from_rotvec(axis * angles[:, None]))[leg]
+                         .apply(offsets))
+    np.testing.assert_allclose(now['rod'], -arm, atol=1e-14)
+    np.testing.assert_allclose(now['centre'],
+                               position + attitude.apply(legs['axle'][leg]) + arm, atol=1e-14)
+    np.testing.assert_allclose((later['centre'] - before['centre']) / 2e-5, now['velocity'],
+                               atol=1e-8)
+    np.testing.assert_allclose((later['rod'] - before['rod']) / 2e-5,
+                               np.cross(now['rate'], now['rod']), atol=1e-8)
+    # Along the rod, too, which its derivative does not tell.
+    np.testing.assert_allclose(now['rate'], attitude.apply(
+        rate + (turned.apply(axis) * rates[:, None])[leg]), atol=1e-13)
 
 
 @pytest.mark.parametrize('lean', [0.0, 0.4])
