@@ -102,6 +102,23 @@ def test_the_rim_spares_what_is_pressed_and_ends_at_its_width():
     assert not change[away > outer].any()
 
 
+@pytest.mark.parametrize('radius,beyond', [(R, -0.005), (R, 0.0), (R, 0.006), (0.005, 0.003)])
+def test_at_the_corner_of_the_world_soil_goes_where_there_is_ground(radius, beyond):
+    """What is not compacted is laid on however few samples the rim has there."""
+    overlay, at, corner = Overlay(), 0.4 + beyond, 80
+    press(overlay, ground(), (at, at, 0.2 * radius), (at, at, 0.2 * radius), radius, 0.4)
+    window = corner - 8, corner - 8, 9, 9
+    change, compaction = overlay.window(*window)
+    x, y = np.meshgrid(*[(corner - 8 + np.arange(9)) * CELL_M] * 2)
+    away = np.hypot(x - at, y - at)
+    into = np.maximum(np.sqrt(np.maximum(radius**2 - away**2, 0.0)) - 0.2 * radius, 0.0)
+    taken = into[away < radius].sum()
+    rim = (away >= radius) & (away < (1.0 + RIM_RADII) * radius)
+    assert taken > 0.0 and rim.any() and np.all(change[rim] > 0.0)
+    assert compaction.sum() == pytest.approx(0.4 * taken, abs=1e-7)
+    assert change.sum() == pytest.approx(-0.4 * taken, abs=1e-7)
+
+
 def test_a_print_pressed_again_hardly_changes():
     """Samples at which the ball just arrives are no switch: rounding does not move soil."""
     start, end = WAYS[1]
