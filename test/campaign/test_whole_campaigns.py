@@ -38,7 +38,9 @@ BLIND = """
 episodes: 2
 vary:
   physics_node.start.yaw_deg: {uniform: [-180, 180]}
-""" + SMALL + '  run.nodes: [physics_node, gait_controller_node, drive_node, recorder_node]\n'
+""" + SMALL + """  run.nodes: [physics_node, gait_controller_node, drive_node, recorder_node]
+  physics_node.ground.model: rigid
+"""
 
 
 def start(*arguments: str) -> subprocess.Popen[str]:
