@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 import functools
 from pathlib import Path, PurePath
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +24,7 @@ from lunar_rover_sim.bag.checksums import has_beginning, has_end
 from lunar_rover_sim.bag.message_validity import image_problem, pixels
 from lunar_rover_sim.bag.messages import header_ns, pose_matrix
 from lunar_rover_sim.bag.stamps import StampTable
+from lunar_rover_sim.closing import Closing
 from lunar_rover_sim.errors import BagError, one_line
 from lunar_rover_sim.files.paths import check_regular
 from lunar_rover_sim.files.yaml_text import FAST_LOADER
@@ -62,7 +62,7 @@ class Frame(NamedTuple):
     pose: NDArray[np.float64] | None
 
 
-class Bag:
+class Bag(Closing):
     """An open bag; use as a context manager, or call `close`.
 
     Topic arguments are names as in the bag, or names of the topic contract without namespace.
@@ -349,13 +349,6 @@ class Bag:
             # rosbags empties the list `files` of metadata.yaml, which may be no list.
             with suppress(AttributeError):
                 reader.close()
-
-    def __enter__(self) -> Bag:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
-        self.close()
 
 
 def open_bag(path: Path | str) -> Bag:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import select
 import sys
-from types import TracebackType
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
@@ -19,13 +18,14 @@ from rosgraph_msgs.msg import Clock
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import time_ns
+from lunar_rover_sim.closing import Closing
 from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.node_main import bound_leaving
 
 _PERIOD_S = 0.1
 
 
-class ClockMonitor:
+class ClockMonitor(Closing):
     """Takes the newest clock message on request; context manager."""
 
     def __init__(self) -> None:
@@ -48,13 +48,6 @@ class ClockMonitor:
         """Leave the graph."""
         self._node.destroy_node()
         rclpy.try_shutdown()
-
-    def __enter__(self) -> ClockMonitor:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 traceback: TracebackType | None) -> None:
-        self.close()
 
 
 def main() -> None:

@@ -10,17 +10,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 import os
-from types import TracebackType
 
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.arguments import brief
+from lunar_rover_sim.closing import Closing
 from lunar_rover_sim.errors import PhysicsError
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
 
 
-class SimulationBatch:
+class SimulationBatch(Closing):
     """Simulations that are commanded and advanced together.
 
     Attributes:
@@ -43,13 +43,6 @@ class SimulationBatch:
             raise PhysicsError(f'threads: {threads} is not valid; valid is >= 1')
         self.simulations = tuple(simulations)
         self._pool = ThreadPoolExecutor(threads or len(os.sched_getaffinity(0)))
-
-    def __enter__(self) -> SimulationBatch:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the threads and close all simulations."""

@@ -7,13 +7,13 @@ import dataclasses
 import logging
 import numbers
 import re
-from types import TracebackType
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.arguments import brief
+from lunar_rover_sim.closing import Closing
 from lunar_rover_sim.errors import ConfigError, one_line, PhysicsError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, tilt_deg, wxyz_from_matrix
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
@@ -37,7 +37,7 @@ _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _FULL = (int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL))
 
 
-class Simulation:
+class Simulation(Closing):
     """A rover on a world in MuJoCo; it starts at rest, at time 0.
 
     A command holds until the next one. The same commands give the same states, bit by bit, on one
@@ -84,13 +84,6 @@ class Simulation:
         self._start_contact = self._ground_contact
         if self._soft_ground is not None:
             self._soft_ground.keep_start()
-
-    def __enter__(self) -> Simulation:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         if self._data is None:

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from lunar_rover_sim.closing import Closing
 from lunar_rover_sim.files.images import png_bytes
 from lunar_rover_sim.world.model import World
 
@@ -33,7 +34,7 @@ _FILES = {'/': 'live.html', '/live.js': 'live.js', '/cdr.js': 'cdr.js'}
 Extra = dict[str, Callable[[], bytes | None]]
 
 
-class PageServer:
+class PageServer(Closing):
     """Serves the page, and extra paths, in threads. Context manager."""
 
     def __init__(self, host: str, port: int, websocket_port: int, extra: Extra) -> None:
@@ -48,12 +49,6 @@ class PageServer:
 
         self._server = Server((host, port), Handler)
         threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True).start()
-
-    def __enter__(self) -> PageServer:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Stop to serve; connections to the server behind end with it."""

@@ -22,6 +22,7 @@ from typing import Any
 
 from rosbags.typesys import get_typestore, Stores
 
+from lunar_rover_sim.closing import Closing
 from lunar_rover_sim.errors import ConfigError, with_extra
 from lunar_rover_sim.run.child_process import dies_with_parent, end_group, signal_name
 from lunar_rover_sim.run.live_page import Extra, PageServer
@@ -50,7 +51,7 @@ class _SdkLog(logging.StreamHandler):       # type: ignore[type-arg]
             super().emit(record)
 
 
-class LiveView:
+class LiveView(Closing):
     """Serves topics to any number of clients. Context manager; methods may be called at any time.
 
     Args:
@@ -156,12 +157,6 @@ class LiveView:
         if now_s - self._told_s >= _TELL_S:
             self._told_s = now_s
             self._server.broadcast_time(time_ns)
-
-    def __enter__(self) -> LiveView:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Stop to serve."""

@@ -16,9 +16,9 @@ import signal
 import subprocess
 import sys
 import tempfile
-from types import TracebackType
 
 from lunar_rover_sim.arguments import brief
+from lunar_rover_sim.closing import Closing
 from lunar_rover_sim.errors import ConfigError, GraphError, with_extra
 from lunar_rover_sim.files.paths import config_path, lock
 from lunar_rover_sim.run.lockstep import machine_slowness
@@ -102,7 +102,7 @@ def _last_line(text: str) -> str:
     return lines[-1] if lines else _NO_WORDS
 
 
-class ClockReader:
+class ClockReader(Closing):
     """The newest simulated time of the graph in a ROS domain; context manager."""
 
     def __init__(self, domain: int) -> None:
@@ -148,13 +148,6 @@ class ClockReader:
         self._process.wait()
         self._pipe.close()
 
-    def __enter__(self) -> ClockReader:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 traceback: TracebackType | None) -> None:
-        self.close()
-
 
 # Domains whose ports stay clear of the ephemeral range on Linux.
 _FIRST, _LAST = 1, 101
@@ -162,7 +155,7 @@ _FIRST, _LAST = 1, 101
 _MOST = 232
 
 
-class OwnDomain:
+class OwnDomain(Closing):
     """Holds a free ROS_DOMAIN_ID of this machine until closed; context manager.
 
     The lock is a file that other runs of this package respect. Other programs do not know it; name
@@ -205,10 +198,3 @@ class OwnDomain:
         if self._file is not None:
             os.close(self._file)
             self._file = None
-
-    def __enter__(self) -> OwnDomain:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 traceback: TracebackType | None) -> None:
-        self.close()

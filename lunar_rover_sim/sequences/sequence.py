@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
-from typing import Any, ClassVar, TextIO, TypeVar
+from typing import Any, ClassVar, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import pose_matrix
 from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.closing import Closing
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.files.images import write_png
 from lunar_rover_sim.frames import Array
@@ -26,8 +27,6 @@ from lunar_rover_sim.sequences.sensors import recorded_sensors, SensorSuite
 _THREADS = 2
 _QUEUE = 8        # images in memory
 _COMPRESSION = 1  # of 9; the next levels cost twice the time for 3 % of the size
-
-S = TypeVar('S', bound='Sequence')
 
 
 class PngWriter:
@@ -60,7 +59,7 @@ class PngWriter:
             self._pool.shutdown(cancel_futures=True)
 
 
-class Sequence:
+class Sequence(Closing):
     """A sequence that is written into a folder. A format sets the attributes and overrides
     `images`, `data` and, where it has something to say, `notes`.
 
@@ -141,13 +140,6 @@ class Sequence:
         """Close the text files."""
         while self._files:
             self._files.popitem()[1].close()
-
-    def __enter__(self: S) -> S:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
-        self.close()
 
 
 def numbers(*values: Any, separator: str = ' ') -> str:

@@ -15,6 +15,7 @@ import threading
 import time
 from typing import Any
 
+from lunar_rover_sim.closing import Closing
 from lunar_rover_sim.errors import ConfigError, SlamError
 from lunar_rover_sim.files.paths import program_path
 from lunar_rover_sim.run.child_process import dies_with_parent, end_group, executable, signal_name
@@ -159,7 +160,7 @@ class SlamProgram:
         self._under_way = None
 
 
-class Tracker:
+class Tracker(Closing):
     """A SLAM program that is waited for: a frame goes in, its answer comes out.
 
     Used as a context manager.
@@ -190,12 +191,6 @@ class Tracker:
             while not self._program.is_ready:
                 self._wait()
             self._owned = owned.pop_all()
-
-    def __enter__(self) -> Tracker:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the program."""

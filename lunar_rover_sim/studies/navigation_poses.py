@@ -6,11 +6,11 @@ from collections import deque
 from contextlib import ExitStack
 import math
 import sys
-from types import TracebackType
 
 import numpy as np
 
 from lunar_rover_sim.camera.encoding import eight_bits
+from lunar_rover_sim.closing import Closing
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
 from lunar_rover_sim.navigation.config import SLAM, TRUTH, WHEELS
@@ -32,7 +32,7 @@ DRIFT = 'drift='
 _REFERENCE_COMMAND = f'{sys.executable} -m lunar_rover_sim.slam.client'
 
 
-class Poses:
+class Poses(Closing):
     """The truth; others derive from it. Used as a context manager.
 
     Attributes:
@@ -42,13 +42,6 @@ class Poses:
     def __init__(self, state: RoverState) -> None:
         self.error_m = 0.0
         self._newest: tuple[int, Array] | None = state.stamp_ns, state.T_world_base
-
-    def __enter__(self) -> Poses:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 traceback: TracebackType | None) -> None:
-        self.close()
 
     def close(self) -> None:
         """Release what it holds."""
