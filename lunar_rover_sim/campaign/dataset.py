@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-import csv
 import dataclasses
 import hashlib
-import io
 import json
 import os
 from pathlib import Path
@@ -20,9 +18,11 @@ from lunar_rover_sim.campaign.layout import (CAMPAIGN_FILE, EPISODES, ERROR_FILE
                                              LOCK_FILE, PARTIAL, TOKEN_FILE)
 from lunar_rover_sim.campaign.manifest import MANIFEST, read_json, why_unfinished, write_json
 from lunar_rover_sim.campaign.statistics import MEANINGS
+from lunar_rover_sim.closing import Closing
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write, sync_folder
 from lunar_rover_sim.files.paths import lock
+from lunar_rover_sim.files.results import csv_table
 
 # Columns that are no statistics, with their meanings.
 FIRST_COLUMNS = {'folder': 'folder of the episode in the data set',
@@ -31,14 +31,12 @@ FIRST_COLUMNS = {'folder': 'folder of the episode in the data set',
 
 def episode_table(card: dict[str, Any]) -> str:
     """Return the table of a data card; what is not known is empty, text is UTF-8."""
-    file = io.StringIO()
-    writer = csv.writer(file, lineterminator='\n')
-    writer.writerow([*FIRST_COLUMNS, *MEANINGS])
+    rows = []
     for name, episode in card['episodes'].items():
         values = [episode['statistics'].get(column) for column in MEANINGS]
-        writer.writerow([f'{EPISODES}/{name}', episode.get('bag_hash') or '',
-                         *(value if isinstance(value, (int, float)) else '' for value in values)])
-    return file.getvalue()
+        rows.append([f'{EPISODES}/{name}', episode.get('bag_hash') or '',
+                     *(value if isinstance(value, (int, float)) else '' for value in values)])
+    return csv_table([*FIRST_COLUMNS, *MEANINGS], rows)
 
 
 @dataclasses.dataclass
@@ -56,7 +54,7 @@ class DatasetProgress:
     remade: dict[str, str] = dataclasses.field(default_factory=dict)
 
 
-class Dataset:
+class Dataset(Closing):
     """The folder of a data set that is being made; locked while it is open. Context manager.
 
     Raises:
@@ -140,12 +138,6 @@ class Dataset:
                 shutil.rmtree(left, ignore_errors=True)
             os.close(self._lock)
             self._lock = None
-
-    def __enter__(self) -> Dataset:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def mapping_hash(mapping: Mapping[str, Any]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 from rich.text import Text
@@ -16,6 +15,7 @@ from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.evaluation.trajectory_plots import save_plots
 from lunar_rover_sim.evaluation.trajectory_sources import bag_of
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.results import json_text
 from lunar_rover_sim.run.recorded_run import FRAMES
 
 _ODD_SCALE = 0.1     # of a metric estimate that is no failure, the scale is nearer to 1
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         json_path = args.output / 'evaluation.json'
         paths = save_plots(result, args.output, bag_of(args.truth))
-        atomic_write(json_path, json.dumps(result.to_mapping(), indent=2) + '\n', EvaluationError)
+        atomic_write(json_path, json_text(result.to_mapping()) + '\n', EvaluationError)
         written = (json_path, *paths)
     if args.json:
         print_json(result.to_mapping())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from rich.text import Text
 
@@ -16,6 +15,7 @@ from lunar_rover_sim.evaluation.image_plots import save_comparison
 from lunar_rover_sim.evaluation.image_statistics import MEASURES
 from lunar_rover_sim.evaluation.statistics import Difference, SeriesMean
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.results import json_text
 
 JSON_FILE, FIGURE_FILE = 'comparison.json', 'comparison.png'
 
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         path = args.output / JSON_FILE
         save_comparison(result, args.output / FIGURE_FILE)
-        atomic_write(path, json.dumps(result.to_mapping(), indent=2) + '\n', EvaluationError)
+        atomic_write(path, json_text(result.to_mapping()) + '\n', EvaluationError)
         for written in (path, args.output / FIGURE_FILE):
             say(written)
     return 0

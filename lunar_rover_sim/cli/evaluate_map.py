@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 from lunar_rover_sim.cli import options
@@ -11,6 +10,7 @@ from lunar_rover_sim.cli.terminal import console, print_json, say, table
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.map_evaluation import CELL_M, evaluate_maps, NEAR_M, Rates
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.results import json_text
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     result = evaluate_maps(args.bag, args.world, args.maps, picture)
     if args.output is not None:
         atomic_write(args.output / 'map_evaluation.json',
-                     json.dumps(result.to_mapping(), indent=2) + '\n', EvaluationError)
+                     json_text(result.to_mapping()) + '\n', EvaluationError)
     if args.json:
         print_json(result.to_mapping())
         return 0

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from lunar_rover_sim.cli.terminal import console, say
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.paths import markdown_table
+from lunar_rover_sim.files.results import markdown_table
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.node_config import NODE_CONFIGS

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from contextlib import suppress
-import json
 import math
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.evaluation.trajectory_plots import TOP_VIEW
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.paths import check_file, config_path, make_new_folder
+from lunar_rover_sim.files.results import json_text
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
 from lunar_rover_sim.sequences.sensors import described_sensors, recorded_sensors
@@ -141,7 +141,7 @@ def _run(args: argparse.Namespace) -> int:
         with suppress(OSError):
             args.output.rmdir()   # if it is empty
     mapping = {**result.to_mapping(), 'estimate_frame': estimator.poses_of}
-    atomic_write(args.output / 'result.json', json.dumps(mapping, indent=2) + '\n', SlamError)
+    atomic_write(args.output / 'result.json', json_text(mapping) + '\n', SlamError)
     if args.json:
         print_json(mapping)
         return 0

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 import contextlib
 import functools
-import json
-import math
 import os
 import sys
 import threading
@@ -24,6 +22,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lunar_rover_sim.cli.help_format import PIPE_COLUMNS
+from lunar_rover_sim.files.results import json_text
 
 PIPE_PERIOD_S = 10.0    # between the lines of progress in a pipe
 _CUT = '…'              # what rich puts in the place of text
@@ -68,15 +67,7 @@ def print_markdown(text: str) -> None:
 
 def print_json(value: Any) -> None:
     """Print plain values as JSON; numbers that JSON lacks (NaN, infinity) become null."""
-    say(json.dumps(_finite(value), indent=2, ensure_ascii=False))
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(one) for key, one in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    say(json_text(value))
 
 
 class Pace:

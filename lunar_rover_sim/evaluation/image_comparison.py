@@ -20,6 +20,7 @@ from lunar_rover_sim.evaluation.image_layouts import ImageSet, open_images
 from lunar_rover_sim.evaluation.image_statistics import (image_statistics, LOG_BINS, LOG_FLOOR,
                                                          LOG_STEP, MEASURES)
 from lunar_rover_sim.evaluation.statistics import Difference, SeriesMean
+from lunar_rover_sim.files.results import plain
 from lunar_rover_sim.frames import Array
 
 FRAMES = 40
@@ -70,23 +71,19 @@ class ImageComparison:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return all numbers as plain values; None for what is not known."""
-        def plain(estimate: SeriesMean | Difference) -> dict[str, Any]:
-            return {name: None if value != value else value
-                    for name, value in estimate._asdict().items()}
-
         def described(one: SetStatistics) -> dict[str, Any]:
             return {'path': str(one.images.path), 'layout': one.images.layout,
                     'images': one.images.total, 'sampled': len(one.values)}
 
-        return {'a': described(self.first), 'b': described(self.second),
-                'width_px': self.width_px, 'interval': '95 %, block bootstrap',
-                'measures': {row.name: {'meaning': MEASURES[row.name], 'a': plain(row.first),
-                                        'b': plain(row.second),
-                                        'b_minus_a': plain(row.difference)}
-                             for row in self.rows},
-                DISTANCE: {'meaning': 'Wasserstein distance of the histograms of log10 of the '
-                           'gradient [decades]', **plain(self.distance),
-                           'shuffled_95': None if self.chance != self.chance else self.chance}}
+        return plain({
+            'a': described(self.first), 'b': described(self.second), 'width_px': self.width_px,
+            'interval': '95 %, block bootstrap',
+            'measures': {row.name: {'meaning': MEASURES[row.name], 'a': row.first._asdict(),
+                                    'b': row.second._asdict(),
+                                    'b_minus_a': row.difference._asdict()} for row in self.rows},
+            DISTANCE: {'meaning': 'Wasserstein distance of the histograms of log10 of the '
+                       'gradient [decades]', **self.distance._asdict(),
+                       'shuffled_95': self.chance}})
 
 
 def compare_images(first: Path | str, second: Path | str, *, frames: int = FRAMES,

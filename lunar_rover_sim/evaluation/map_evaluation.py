@@ -21,6 +21,7 @@ from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.true_surface import TrueSurface
 from lunar_rover_sim.files.figures import save_figure
+from lunar_rover_sim.files.results import plain
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.navigation.traversability import LETHAL, Limits
 from lunar_rover_sim.run.recorded_run import RecordedRun
@@ -74,14 +75,9 @@ class MapEvaluation:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, None for NaN."""
-        def plain(value: Any) -> Any:
-            return None if isinstance(value, float) and value != value else value
-
-        def rates(of: Rates) -> dict[str, Any]:
-            return {name: plain(value) for name, value in of._asdict().items()}
-        return {'maps': self.maps, 'rock_m': self.rock_m, 'offset_m': plain(self.offset_m),
-                'sun_deg': plain(self.sun_deg), 'near': rates(self.near),
-                'by_distance': [rates(one) for one in self.by_distance]}
+        return plain({'maps': self.maps, 'rock_m': self.rock_m, 'offset_m': self.offset_m,
+                      'sun_deg': self.sun_deg, 'near': self.near._asdict(),
+                      'by_distance': [one._asdict() for one in self.by_distance]})
 
 
 class _Cells(NamedTuple):

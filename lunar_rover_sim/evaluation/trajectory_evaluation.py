@@ -18,6 +18,7 @@ from lunar_rover_sim.evaluation.registration import Alignment, associate, DEFAUL
 from lunar_rover_sim.evaluation.trajectory import Stamps, Trajectory
 from lunar_rover_sim.evaluation.trajectory_sources import (bag_of, frame_on_rover, image_stamps_ns,
                                                            load, Source)
+from lunar_rover_sim.files.results import plain
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.seconds import EPOCH_NS
 
@@ -130,13 +131,13 @@ class Evaluation:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if isinstance(value, Statistics):
-                result[field.name] = {k: _plain(v) for k, v in dataclasses.asdict(value).items()}
+                result[field.name] = dataclasses.asdict(value)
             elif isinstance(value, (int, float)):
-                result[field.name] = _plain(value)
+                result[field.name] = value
         result['alignment'] = {'rotation': self.alignment.rotation.tolist(),
                                'translation_m': self.alignment.translation_m.tolist(),
                                'scale': self.alignment.scale}
-        return result
+        return plain(result)
 
 
 def evaluate(truth: Source, estimate: Source, *, align: str = 'se3', truth_frame: str = 'base',
@@ -250,7 +251,3 @@ def _tracked(truth: Trajectory, estimate: Trajectory, tolerance_s: float,
     period = np.median(np.diff(estimate.stamps_ns))
     frames = round((truth.stamps_ns[-1] - truth.stamps_ns[0]) / period) + 1
     return min(1.0, len(estimate) / frames)
-
-
-def _plain(value: float) -> float | int | None:
-    return value if np.isfinite(value) else None

@@ -18,6 +18,7 @@ from typing import Any
 
 from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import SlamError
+from lunar_rover_sim.files.results import csv_table
 from lunar_rover_sim.files.yaml_text import read_text
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.slam.run_on_bag import SlamResult
@@ -144,16 +145,13 @@ _NUMBERS = tuple(field.name for field in dataclasses.fields(SlamResult)
 
 def csv_of_drives(judged: Iterable[Judged]) -> str:
     """Return a CSV with a line for each, and all digits; see `read_csv`."""
-    file = io.StringIO()
-    writer = csv.writer(file, lineterminator='\n')
-    writer.writerow([*_DRIVE, 'failed', *_RESULT])
+    rows = []
     for one in judged:
         drive, result = one.drive, one.result.to_mapping()
-        writer.writerow([drive.scenario, drive.parameter, drive.value, drive.seed,
-                         f'{drive.duration_s:.12g}', json.dumps(drive.overrides),
-                         int(one.failed), *('' if result[name] is None else result[name]
-                                            for name in _RESULT)])
-    return file.getvalue()
+        rows.append([drive.scenario, drive.parameter, drive.value, drive.seed,
+                     f'{drive.duration_s:.12g}', json.dumps(drive.overrides), int(one.failed),
+                     *(result[name] for name in _RESULT)])
+    return csv_table([*_DRIVE, 'failed', *_RESULT], rows)
 
 
 def read_csv(path: Path) -> list[Judged]:

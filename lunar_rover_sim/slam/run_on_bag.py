@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import dataclasses
-import json
 from pathlib import Path
 import shutil
 from typing import Any
@@ -21,6 +20,7 @@ from lunar_rover_sim.evaluation.trajectory_files import write_tum
 from lunar_rover_sim.evaluation.trajectory_plots import save_plots
 from lunar_rover_sim.evaluation.trajectory_sources import trajectory_of_topic
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.results import json_text, plain
 from lunar_rover_sim.physics.state import TipOver
 from lunar_rover_sim.run.child_process import Echo
 from lunar_rover_sim.sequences.export import export, FORMATS
@@ -67,8 +67,7 @@ class SlamResult:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values for JSON; NaN becomes None."""
-        return {k: None if isinstance(v, float) and not np.isfinite(v) else v
-                for k, v in dataclasses.asdict(self).items()}
+        return plain(dataclasses.asdict(self))
 
     @classmethod
     def from_mapping(cls, values: dict[str, Any]) -> SlamResult:
@@ -143,7 +142,7 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         return dataclasses.replace(known, reason=join(reason, str(error)),
                                    tracked_share=len(outcome.trajectory)
                                    / max(1, len(outcome.frames_ns)))
-    atomic_write(folder / 'evaluation.json', json.dumps(judged.to_mapping(), indent=2) + '\n')
+    atomic_write(folder / 'evaluation.json', json_text(judged.to_mapping()) + '\n')
     if plots:
         save_plots(judged, folder, bag)
     np.savez(folder / 'path.npz', stamps_ns=judged.truth.stamps_ns,

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-import csv
 import dataclasses
-import io
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +11,7 @@ import numpy as np
 
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.evaluation.statistics import Median, Share
-from lunar_rover_sim.files.paths import markdown_table
+from lunar_rover_sim.files.results import csv_table, markdown_table, plain
 from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.slam.drives import Judged
 from lunar_rover_sim.slam.estimators import join
@@ -150,19 +148,14 @@ def latex(rows: Sequence[TableRow], paper: Paper | None = None, parameter: str =
 def csv_text(rows: Sequence[TableRow]) -> str:
     """Return the table as CSV, with all digits."""
     names = ('ate_m', 'ate_percent', 'scale', 'rpe_m', 'tracked', 'distance_m', 'duration_s')
-    file = io.StringIO()
-    writer = csv.writer(file, lineterminator='\n')
-    writer.writerow(['scenario', 'value', 'sensor', 'system', 'drives', 'successes',
-                     'success_low', 'success_high',
-                     *(f'{name}{end}' for name in names for end in ('', '_low', '_high', '_n')),
-                     'reasons'])
-    for row in rows:
-        medians: list[Any] = [v for name in names
-                              for v in dataclasses.astuple(getattr(row, name))]
-        writer.writerow([row.scenario, row.value, row.sensor, row.system, row.drives,
-                         row.successes, row.success.low, row.success.high,
-                         *('' if v != v else v for v in medians), '; '.join(row.reasons)])
-    return file.getvalue()
+    titles = ['scenario', 'value', 'sensor', 'system', 'drives', 'successes', 'success_low',
+              'success_high',
+              *(f'{name}{end}' for name in names for end in ('', '_low', '_high', '_n')),
+              'reasons']
+    return csv_table(titles, (
+        [*row.key, row.drives, row.successes, row.success.low, row.success.high,
+         *plain([v for name in names for v in dataclasses.astuple(getattr(row, name))]),
+         '; '.join(row.reasons)] for row in rows))
 
 
 def text_cells(rows: Sequence[TableRow], paper: Paper,

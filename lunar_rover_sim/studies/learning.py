@@ -7,11 +7,9 @@ nodes would make it walk: a state every 5 ms, each answered. All walkers have th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import csv
 import dataclasses
 import functools
 import hashlib
-import io
 import math
 from pathlib import Path
 
@@ -22,7 +20,8 @@ from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import ConfigError, PhysicsError, StudyError
 from lunar_rover_sim.evaluation.statistics import Comparison, Mean
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import check_regular, markdown_table
+from lunar_rover_sim.files.paths import check_regular
+from lunar_rover_sim.files.results import csv_table, markdown_table
 from lunar_rover_sim.frames import tilt_deg
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
@@ -172,14 +171,10 @@ def _file_name(case: Case) -> str:
 
 def write_walks(path: Path, walks: Sequence[PolicyWalk]) -> None:
     """Write walks as CSV."""
-    text = io.StringIO(newline='')
-    writer = csv.writer(text)
     names = [field.name for field in dataclasses.fields(Case)]
-    writer.writerow([*names, 'outcome', *MEASURED])
-    for one in walks:
-        writer.writerow([Path(one.case.walker).stem, *dataclasses.astuple(one.case)[1:],
-                         one.outcome, *(f'{getattr(one, name):.6g}' for name in MEASURED)])
-    atomic_write(path, text.getvalue(), StudyError)
+    atomic_write(path, csv_table([*names, 'outcome', *MEASURED], (
+        [Path(one.case.walker).stem, *dataclasses.astuple(one.case)[1:], one.outcome,
+         *(f'{getattr(one, name):.6g}' for name in MEASURED)] for one in walks)), StudyError)
 
 
 def report_text(walks: Sequence[PolicyWalk], against: str = PACKAGED) -> str:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import csv
-import io
 import math
 from pathlib import Path
 
@@ -13,7 +11,7 @@ from matplotlib.figure import Figure
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.figures import save_figure
-from lunar_rover_sim.files.paths import markdown_table
+from lunar_rover_sim.files.results import csv_table, markdown_table
 from lunar_rover_sim.studies import sandbot
 from lunar_rover_sim.studies.terramechanics import GroundWalk, holding
 from lunar_rover_sim.studies.terramechanics_anchors import Anchor
@@ -26,13 +24,10 @@ def write_all(anchors: Sequence[Anchor], walks: Sequence[GroundWalk], folder: Pa
     """Write terramechanics.md, .csv and .png into a folder; return the text."""
     text = report_text(anchors, walks)
     atomic_write(folder / 'terramechanics.md', text, StudyError)
-    table = io.StringIO(newline='')
-    writer = csv.writer(table)
-    writer.writerow(('ground', 'slope_deg', 'pull', 'outcome', *_FIELDS))
-    for walk in walks:
-        writer.writerow((walk.ground.name, walk.ground.slope_deg, walk.ground.pull, walk.outcome,
-                         *(getattr(walk, name) for name in _FIELDS)))
-    atomic_write(folder / 'terramechanics.csv', table.getvalue(), StudyError)
+    table = csv_table(('ground', 'slope_deg', 'pull', 'outcome', *_FIELDS), (
+        (walk.ground.name, walk.ground.slope_deg, walk.ground.pull, walk.outcome,
+         *(getattr(walk, name) for name in _FIELDS)) for walk in walks))
+    atomic_write(folder / 'terramechanics.csv', table, StudyError)
     plot(walks, folder / 'terramechanics.png')
     plot_sandbot(folder / 'sandbot.png')
     return text

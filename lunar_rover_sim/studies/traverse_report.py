@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import csv
-import io
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -13,7 +11,7 @@ import numpy as np
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.figures import save_figure
-from lunar_rover_sim.files.paths import markdown_table
+from lunar_rover_sim.files.results import csv_table, markdown_table
 from lunar_rover_sim.frames import distance_along
 from lunar_rover_sim.studies.ground_comparison import (compare, comparison_text, plot_comparison,
                                                        Quantity)
@@ -87,12 +85,8 @@ def write_all(results: Sequence[Traverse], scenario: str, folder: Path) -> str:
 
 def write_csv(results: Sequence[Traverse], path: str | Path) -> None:
     """Write one row per drive; raise StudyError if the file cannot be written."""
-    table = io.StringIO()
-    writer = csv.writer(table)
-    writer.writerow(_FIELDS)
-    for result in results:
-        writer.writerow([getattr(result, name) for name in _FIELDS])
-    atomic_write(path, table.getvalue(), StudyError)
+    rows = ([getattr(result, name) for name in _FIELDS] for result in results)
+    atomic_write(path, csv_table(_FIELDS, rows), StudyError)
 
 
 def plot_paths(results: Sequence[Traverse], path: str | Path) -> None:

@@ -1,0 +1,39 @@
+"""Results as text: tables in Markdown and CSV, and JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+import csv
+import io
+import json
+import math
+from typing import Any
+
+
+def markdown_table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a table in Markdown; a `|` within a cell is escaped."""
+    return ['| ' + ' | '.join(cell.replace('|', r'\|') for cell in row) + ' |'
+            for row in (titles, ['---'] * len(titles), *rows)]
+
+
+def csv_table(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table as CSV; None is an empty cell."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow(titles)
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def plain(value: Any) -> Any:
+    """Return plain values with None for the numbers that JSON lacks: NaN and infinity."""
+    if isinstance(value, dict):
+        return {key: plain(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def json_text(value: Any) -> str:
+    """Return plain values as JSON, None for the numbers that it lacks."""
+    return json.dumps(plain(value), indent=2, ensure_ascii=False)
