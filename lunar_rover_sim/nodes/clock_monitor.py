@@ -34,7 +34,7 @@ class ClockMonitor(Closing):
                                        enable_rosout=False)
         self._now_ns = 0
         self._node.create_subscription(Clock, topics.CLOCK.graph_name, self._clock_callback,
-                                       qos.newest())
+                                       qos.reliable(1))
 
     def _clock_callback(self, message: Clock) -> None:
         self._now_ns = time_ns(message.clock)

@@ -10,6 +10,7 @@ they name, so a message object that is made once can be published for every stat
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 import math
 from typing import Any, TYPE_CHECKING
 
@@ -19,7 +20,6 @@ from geometry_msgs.msg import (AccelStamped, Point, PoseStamped, Quaternion, Tra
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.serialization import deserialize_message
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Header
 
@@ -36,6 +36,10 @@ if TYPE_CHECKING:
     from lunar_rover_sim.sensors.registry import OdometryConfig
     from lunar_rover_sim.sensors.wheel_odometry import WheelOdometry
 
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:     # not in the wheels
+    TFMessage = None
 
 # What messages state of exact values, in the squares of their units. Zeros would mean `unknown` in
 # sensor_msgs/Imu, and estimators invert covariances.
@@ -49,12 +53,6 @@ def time_msg(stamp_ns: int) -> Time:
     return Time(sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S)
 
 
-def fill_clock(msg: Clock, stamp: Time) -> Clock:
-    """Write simulated time into `msg` and return it."""
-    msg.clock = stamp
-    return msg
-
-
 def fill_odometry(msg: Odometry, state: RoverState, stamp: Time,
                   frame_id: str = frames.ODOM_FRAME,
                   child_frame_id: str = frames.BASE_FRAME) -> Odometry:
@@ -65,10 +63,10 @@ def fill_odometry(msg: Odometry, state: RoverState, stamp: Time,
     _set_header(msg.header, stamp, frame_id)
     msg.child_frame_id = child_frame_id
     pose, twist = msg.pose.pose, msg.twist.twist
-    _set_vector(pose.position, state.position_m)
+    set_vector(pose.position, state.position_m)
     _set_quaternion(pose.orientation, state.orientation_wxyz)
-    _set_vector(twist.linear, state.linear_velocity_mps)
-    _set_vector(twist.angular, state.angular_velocity_radps)
+    set_vector(twist.linear, state.linear_velocity_mps)
+    set_vector(twist.angular, state.angular_velocity_radps)
     return msg
 
 
@@ -84,7 +82,7 @@ def fill_wheel_odometry(msg: Odometry, odometry: WheelOdometry) -> None:
     """Write a planar pose and twist with their covariances; what they do not know is huge."""
     msg.child_frame_id = frames.BASE_FRAME
     x, y, yaw = odometry.pose.tolist()
-    _set_vector(msg.pose.pose.position, np.array([x, y, 0.0]))
+    set_vector(msg.pose.pose.position, np.array([x, y, 0.0]))
     _set_quaternion(msg.pose.pose.orientation,
                     np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)]))
     msg.twist.twist.linear.x, msg.twist.twist.angular.z = odometry.twist.tolist()
@@ -175,8 +173,8 @@ def fill_imu_raw(msg: Imu, sample: ImuSample, accel_variance: float, gyro_varian
     noise of one sample; for a sensor without noise `EXACT_VARIANCE`.
     """
     _set_header(msg.header, stamp, frames.IMU_FRAME)
-    _set_vector(msg.linear_acceleration, sample.specific_force)
-    _set_vector(msg.angular_velocity, sample.rate)
+    set_vector(msg.linear_acceleration, sample.specific_force)
+    set_vector(msg.angular_velocity, sample.rate)
     msg.orientation_covariance[0] = -1.0
     for k in (0, 4, 8):
         msg.linear_acceleration_covariance[k] = max(accel_variance, EXACT_VARIANCE)
@@ -191,8 +189,8 @@ def fill_imu_truth(msg: Imu, state: RoverState, imu_wxyz: Array, stamp: Time) ->
         imu_wxyz: (4,) orientation of the IMU in base_link.
     """
     _set_header(msg.header, stamp, frames.IMU_FRAME)
-    _set_vector(msg.linear_acceleration, state.specific_force_mps2)
-    _set_vector(msg.angular_velocity, state.imu_rate_radps)
+    set_vector(msg.linear_acceleration, state.specific_force_mps2)
+    set_vector(msg.angular_velocity, state.imu_rate_radps)
     wxyz = frames.product_wxyz(state.orientation_wxyz, imu_wxyz)
     _set_quaternion(msg.orientation, wxyz if wxyz[0] >= 0.0 else -wxyz)
     for covariance in (msg.orientation_covariance, msg.linear_acceleration_covariance,
@@ -204,8 +202,8 @@ def fill_imu_truth(msg: Imu, state: RoverState, imu_wxyz: Array, stamp: Time) ->
 def fill_imu_bias(msg: AccelStamped, sample: ImuSample, stamp: Time) -> AccelStamped:
     """Write the true bias into `msg`: accelerometer in `linear`, gyroscope in `angular`."""
     _set_header(msg.header, stamp, frames.IMU_FRAME)
-    _set_vector(msg.accel.linear, sample.accel_bias)
-    _set_vector(msg.accel.angular, sample.gyro_bias)
+    set_vector(msg.accel.linear, sample.accel_bias)
+    set_vector(msg.accel.angular, sample.gyro_bias)
     return msg
 
 
@@ -213,8 +211,8 @@ def fill_wrench(msg: WrenchStamped, force_n: Array, torque_nm: Array, frame_id: 
                 stamp: Time) -> WrenchStamped:
     """Write the ground reaction on one leg, (3,) each in axes of the frame; return `msg`."""
     _set_header(msg.header, stamp, frame_id)
-    _set_vector(msg.wrench.force, force_n)
-    _set_vector(msg.wrench.torque, torque_nm)
+    set_vector(msg.wrench.force, force_n)
+    set_vector(msg.wrench.torque, torque_nm)
     return msg
 
 
@@ -222,27 +220,27 @@ def fill_entity_state(msg: Any, state: RoverState, stamp: Time, frame_id: str) -
     """Write pose and twist in axes of a frame into a simulation_interfaces/EntityState."""
     _set_header(msg.header, stamp, frame_id)
     R_world_base = frames.matrix_from_wxyz(state.orientation_wxyz)
-    _set_vector(msg.pose.position, state.position_m)
+    set_vector(msg.pose.position, state.position_m)
     _set_quaternion(msg.pose.orientation, state.orientation_wxyz)
-    _set_vector(msg.twist.linear, R_world_base @ state.linear_velocity_mps)
-    _set_vector(msg.twist.angular, R_world_base @ state.angular_velocity_radps)
+    set_vector(msg.twist.linear, R_world_base @ state.linear_velocity_mps)
+    set_vector(msg.twist.angular, R_world_base @ state.angular_velocity_radps)
 
 
 def fill_entity_pose(msg: Any, T_world_body: Array, linear_mps: Array, angular_radps: Array,
                      stamp: Time, frame_id: str) -> None:
     """Write a (4, 4) pose and a twist in axes of the frame into an EntityState."""
     _set_header(msg.header, stamp, frame_id)
-    _set_vector(msg.pose.position, T_world_body[:3, 3])
+    set_vector(msg.pose.position, T_world_body[:3, 3])
     _set_quaternion(msg.pose.orientation, frames.wxyz_from_matrix(T_world_body[:3, :3]))
-    _set_vector(msg.twist.linear, linear_mps)
-    _set_vector(msg.twist.angular, angular_radps)
+    set_vector(msg.twist.linear, linear_mps)
+    set_vector(msg.twist.angular, angular_radps)
 
 
 def pose_stamped(T_world_body: Array, frame_id: str, stamp: Time) -> PoseStamped:
     """Return a (4, 4) pose as a message."""
     msg = PoseStamped()
     _set_header(msg.header, stamp, frame_id)
-    _set_vector(msg.pose.position, T_world_body[:3, 3])
+    set_vector(msg.pose.position, T_world_body[:3, 3])
     _set_quaternion(msg.pose.orientation, frames.wxyz_from_matrix(T_world_body[:3, :3]))
     return msg
 
@@ -252,9 +250,14 @@ def transform(parent: str, child: str, T_parent_child: Array, stamp: Time) -> Tr
     msg = TransformStamped()
     _set_header(msg.header, stamp, parent)
     msg.child_frame_id = child
-    _set_vector(msg.transform.translation, T_parent_child[:3, 3])
+    set_vector(msg.transform.translation, T_parent_child[:3, 3])
     _set_quaternion(msg.transform.rotation, frames.wxyz_from_matrix(T_parent_child[:3, :3]))
     return msg
+
+
+def tf_message(frames: Iterable[tuple[str, str, Array]], stamp: Time) -> Any:
+    """Return (parent, child, (4, 4) T_parent_child) as a message; tf2_msgs is installed."""
+    return TFMessage(transforms=[transform(*frame, stamp) for frame in frames])
 
 
 def rover_pose(odom_raw: bytes, joints_raw: bytes | None, legs: Legs) -> RoverPose:
@@ -275,7 +278,8 @@ def _set_header(header: Header, stamp: Time, frame_id: str) -> None:
     header.frame_id = frame_id
 
 
-def _set_vector(msg: Point | Vector3, xyz: Array) -> None:
+def set_vector(msg: Point | Vector3, xyz: Array) -> None:
+    """Write (3,) numbers into a vector or a point."""
     msg.x, msg.y, msg.z = xyz.tolist()
 
 

@@ -38,7 +38,7 @@ class GroundListener:
                                  qos.requested(topics.GROUND_SNAPSHOT, lockstep=True), raw=True)
         node.create_subscription(PointCloud2, topics.GROUND_CHANGES.name,
                                  lambda raw: self._take(raw, False),
-                                 qos.adapted(qos.STATE_DEPTH, durable=False), raw=True)
+                                 qos.reliable(qos.STATE_DEPTH), raw=True)
 
     @property
     def is_known(self) -> bool:

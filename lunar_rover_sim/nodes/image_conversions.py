@@ -18,8 +18,6 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState, Poin
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
-from lunar_rover_sim import frames
-from lunar_rover_sim.bag.ground_points import FLOAT32, POINT
 from lunar_rover_sim.camera.encoding import eight_bits, encoding_of
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.instances import CRATER, Instance
@@ -88,12 +86,28 @@ def point_cloud(points_m: NDArray[np.float32], picture: NDArray, frame_id: str,
     if picture.ndim == 3:
         red, green, blue = np.moveaxis(eight_bits(picture).astype('<u4'), -1, 0)
         values[..., 4] = (red << 16 | green << 8 | blue).view('<f4')
+    return cloud(values.view([(name, '<f4') for name in names])[..., 0], frame_id, stamp,
+                 is_dense=False)
+
+
+_KINDS = {'f4': PointField.FLOAT32, 'u2': PointField.UINT16}
+
+
+def cloud(points: NDArray[np.void], frame_id: str, stamp: Time,
+          is_dense: bool = True) -> PointCloud2:
+    """Return (n,) or (rows, columns) records as a cloud with their fields.
+
+    Args:
+        is_dense: Whether all numbers are finite.
+    """
+    height, width = points.shape if points.ndim == 2 else (1, len(points))
+    kind, fields = points.dtype, dict[str, Any](points.dtype.fields or {})
     msg = PointCloud2(
         header=Header(stamp=stamp, frame_id=frame_id), height=height, width=width,
-        point_step=4 * len(names), row_step=4 * len(names) * width, is_dense=False,
-        fields=[PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
-                for k, name in enumerate(names)])
-    msg.data = values.tobytes()
+        point_step=kind.itemsize, row_step=kind.itemsize * width, is_dense=is_dense,
+        fields=[PointField(name=name, offset=fields[name][1], count=1,
+                           datatype=_KINDS[fields[name][0].str[1:]]) for name in kind.names or ()])
+    msg.data = points.tobytes()
     return msg
 
 
@@ -109,19 +123,6 @@ def disparity_image(disparity: DisparityMap, focal_px: float, baseline_m: float,
     x, y, width, height = disparity.valid_window
     msg.valid_window.x_offset, msg.valid_window.y_offset = int(x), int(y)
     msg.valid_window.width, msg.valid_window.height = int(width), int(height)
-    return msg
-
-
-def ground_cloud(points: NDArray[np.void], stamp: Time,
-                 frame_id: str = frames.ODOM_FRAME) -> PointCloud2:
-    """Return changes of the ground, points as of `bag.ground_points`, as a message."""
-    msg = PointCloud2(header=Header(stamp=stamp, frame_id=frame_id))
-    msg.height, msg.width = 1, len(points)
-    msg.fields = [PointField(name=name, offset=4 * k, datatype=FLOAT32, count=1)
-                  for k, name in enumerate(POINT.names or ())]
-    msg.point_step, msg.row_step = POINT.itemsize, points.nbytes
-    msg.is_dense = True
-    msg.data = points.tobytes()
     return msg
 
 

@@ -144,12 +144,8 @@ class LegControllerNode(node_main.GraphNode, abc.ABC):
                 self._use_velocities(now_ns)
             self.states.popleft()
             self._now_ns = now_ns
-            self._answer(state)
+            self.publish(self.command_for(state), state.header.stamp)
             self._listener.note_progress()
-
-    def _answer(self, state: JointState) -> None:
-        command = self.command_for(state)
-        self.publish(command, state.header.stamp)
 
     def publish(self, command: LegCommand, stamp: Time) -> None:
         """Publish a command."""
@@ -245,7 +241,7 @@ class _PlainTwist:
         self._node = rclpy.create_node(
             f'_{node.get_name()}_twist', namespace=node.get_namespace(), context=self._context,
             use_global_arguments=False, start_parameter_services=False, enable_rosout=False)
-        self._node.create_subscription(Twist, topic, on_velocity, qos.newest())
+        self._node.create_subscription(Twist, topic, on_velocity, qos.reliable(1))
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
 

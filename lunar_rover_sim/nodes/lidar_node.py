@@ -14,7 +14,7 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from rosbags.typesys import get_typestore, Stores
-from sensor_msgs.msg import JointState, LaserScan, PointCloud2, PointField
+from sensor_msgs.msg import JointState, LaserScan, PointCloud2
 from std_msgs.msg import Header
 
 from lunar_rover_sim import topics
@@ -24,36 +24,17 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.lidar.lidar import Lidar
 from lunar_rover_sim.lidar.motion import ScanMotion
 from lunar_rover_sim.lidar.optics import LidarOptics
-from lunar_rover_sim.lidar.scan import PlanarScan, POINT
+from lunar_rover_sim.lidar.scan import PlanarScan
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
 from lunar_rover_sim.nodes.ground_listener import GroundListener
+from lunar_rover_sim.nodes.image_conversions import cloud
 from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import LidarNodeConfig
-
-_TYPES = {'f4': PointField.FLOAT32, 'u2': PointField.UINT16}
-
-
-def cloud(points: NDArray[np.void], frame_id: str, stamp: Time) -> PointCloud2:
-    """Return (rows, columns) or (n,) records of POINT; only the former may hold NaN."""
-    organized = points.ndim == 2
-    height, width = points.shape if organized else (1, len(points))
-    msg = PointCloud2(
-        header=Header(stamp=stamp, frame_id=frame_id), height=height, width=width,
-        point_step=POINT.itemsize, row_step=POINT.itemsize * width, is_dense=not organized,
-        fields=[_field(name) for name in POINT.names or ()])
-    msg.data = points.tobytes()
-    return msg
-
-
-def _field(name: str) -> PointField:
-    assert POINT.fields is not None
-    kind, offset = POINT.fields[name][:2]
-    return PointField(name=name, offset=offset, datatype=_TYPES[kind.str[1:]], count=1)
 
 
 def planar_scan(scan: PlanarScan, optics: LidarOptics, period_ns: int, frame_id: str,
@@ -237,9 +218,9 @@ class LidarNode(node_main.GraphNode):
         scan = self._lidar.scan(self._motion(start, end), start // config.period_ns)
         for topic in _CLOUDS:
             if topic.name in read:
+                points = scan.cloud(config.organized, topic is topics.LIDAR_DESKEWED)
                 self._outputs[topic.name].publish(cloud(
-                    scan.cloud(config.organized, topic is topics.LIDAR_DESKEWED), topic.frame_id,
-                    stamp))
+                    points, topic.frame_id, stamp, is_dense=not config.organized))
         if topics.LIDAR_SCAN.name in read:
             self._outputs[topics.LIDAR_SCAN.name].publish(planar_scan(
                 scan.planar(self._ring), config.optics, config.period_ns,

@@ -103,7 +103,7 @@ class LockstepListener:
         if self._without_publisher and overdue:
             text = (f'no publisher for {limit_s:.3g} s on '
                     + ', '.join(self._without_publisher))
-            tell(NodeState(WAITING, text, PUBLISHERS, tuple(self._without_publisher)))
+            tell(NodeState(WAITING, text, PUBLISHERS))
             raise GraphError(text)
 
     def note_progress(self) -> None:
@@ -131,7 +131,7 @@ class LockstepListener:
         if started and waited_s >= _NOTICE_S and not self._told:
             self._told = True
             text = self._describe_silence(_NOTICE_S, now_ns, missing)
-            tell(NodeState(WAITING, text, ANSWERS, tuple(missing), now_ns))
+            tell(NodeState(WAITING, text, ANSWERS, now_ns))
             if not is_supervised():     # a run decides itself, by whether its nodes work
                 text += f'; waits for up to {limit_s:g} s'
             # A slow machine would repeat it at every frame.
@@ -187,7 +187,7 @@ class LockstepListener:
         raw = topic not in self._handlers
         self._node.create_subscription(message_class(type_name), topic,
                                        stamp_only if raw else handled,
-                                       qos.adapted(qos.STATE_DEPTH, durable=False), raw=raw,
+                                       qos.reliable(qos.STATE_DEPTH), raw=raw,
                                        event_callbacks=SubscriptionEventCallbacks(
                                            message_lost=self._node.guarded(
                                                lambda event: self._on_loss(topic, event))))

@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid, Path
 import numpy as np
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from lunar_rover_sim.bag.messages import time_ns
@@ -19,8 +19,9 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.navigation.elevation_map import Elevation
 from lunar_rover_sim.navigation.traversability import Traversability
 from lunar_rover_sim.nodes.conversions import time_msg
+from lunar_rover_sim.nodes.image_conversions import cloud
 
-_FIELDS = ('x', 'y', 'z', 'stddev')
+_POINT = np.dtype([(name, '<f4') for name in ('x', 'y', 'z', 'stddev')])
 
 
 def occupancy_grid(grid: Traversability, frame_id: str, stamp: Time) -> OccupancyGrid:
@@ -58,12 +59,7 @@ def elevation_cloud(elevation: Elevation, frame_id: str, stamp: Time) -> PointCl
     x, y = elevation.centres_m
     values = np.stack([x[columns], y[rows], elevation.height_m[rows, columns],
                        np.sqrt(elevation.variance_m2[rows, columns])], axis=-1).astype('<f4')
-    msg = PointCloud2(header=Header(stamp=stamp, frame_id=frame_id), height=1, width=len(values),
-                      point_step=16, row_step=16 * len(values), is_dense=True,
-                      fields=[PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32,
-                                         count=1) for k, name in enumerate(_FIELDS)])
-    msg.data = values.tobytes()
-    return msg
+    return cloud(values.view(_POINT)[:, 0], frame_id, stamp)
 
 
 def grid_map_type() -> Any:

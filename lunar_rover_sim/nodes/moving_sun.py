@@ -83,6 +83,6 @@ class MovingSun:
         message = Vector3Stamped()
         message.header.frame_id = self._frame_id
         message.header.stamp = conversions.time_msg(stamp_ns)
-        direction = sun_direction(sun.azimuth_deg, sun.elevation_deg)
-        message.vector.x, message.vector.y, message.vector.z = map(float, direction)
+        conversions.set_vector(message.vector,
+                               sun_direction(sun.azimuth_deg, sun.elevation_deg))
         self._publisher.publish(message)

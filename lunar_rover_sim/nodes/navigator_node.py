@@ -67,9 +67,9 @@ class NavigatorNode(node_main.GraphNode):
         self.create_subscription(OccupancyGrid, topics.TRAVERSABILITY.name, self._map_callback,
                                  qos.requested(topics.TRAVERSABILITY, config.lockstep))
         self.create_subscription(PoseStamped, topics.GOAL_POSE.name, self._goal_callback,
-                                 qos.newest())
+                                 qos.reliable(1))
         self.create_subscription(Path, topics.WAYPOINTS.name, self._waypoints_callback,
-                                 qos.newest())
+                                 qos.reliable(1))
         stamped = config.enable_stamped_cmd_vel
         self._publisher = self.create_publisher(TwistStamped if stamped else Twist,
                                                 topics.CMD_VEL.name, qos.offered(topics.CMD_VEL))

@@ -69,7 +69,7 @@ class GraphNode(Node):
                  f'seed {config.seed}', config.time_mode,
                  f'waits for {", ".join(waits)}' if waits else 'waits for nobody']
         self.get_logger().info('ready: ' + ', '.join(parts))
-        tell(NodeState(READY, topics=tuple(waits)))
+        tell(NodeState(READY))
         for doubt in doubts:
             self.get_logger().warning(doubt)
 
@@ -86,6 +86,11 @@ class GraphNode(Node):
         """Request a call of `work` after the current callback, or after the current `work`."""
         if not self._woken.done():
             self._woken.set_result(None)
+
+    def wake_later(self) -> None:
+        """Request a call of `work` after the callbacks that are due now; from any thread."""
+        if self.executor is not None:
+            self.executor.create_task(self.wake)
 
     def close(self) -> None:
         """Finish and release what is the node's own; only the graph is left. Called once."""

@@ -75,7 +75,7 @@ class PhysicsNode(node_main.GraphNode):
         if config.end_when_navigated:
             self.create_subscription(Header, topics.NAVIGATED.name, self._navigated_callback,
                                      qos.requested(topics.NAVIGATED, config.lockstep))
-        self._stepping = Stepping(self._wake_from_thread)
+        self._stepping = Stepping(self.wake_later)
         self._step_service = simulation_services.offer(self, self)
         self.create_service(Trigger, '~/reset', self._reset_callback)
         self.create_service(Trigger, '~/restart', self._restart_callback)
@@ -189,10 +189,6 @@ class PhysicsNode(node_main.GraphNode):
     @property
     def _stands_still(self) -> bool:
         return self._paused and not self._stepping.pending
-
-    def _wake_from_thread(self) -> None:
-        if self.executor is not None:
-            self.executor.create_task(self.wake)
 
     def _watch(self) -> None:
         if self._stands_still:

@@ -7,12 +7,14 @@ the readers are matched (`matching`). The parameters `qos_overrides` change sing
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import cast
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError
@@ -24,7 +26,8 @@ FRAME_DEPTH = 10
 COMMAND_DEPTH = 10
 
 
-def _profile(depth: int, durable: bool) -> QoSProfile:
+def reliable(depth: int, durable: bool = False) -> QoSProfile:
+    """Return a profile that keeps so many messages, for late readers too if it is durable."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if durable else DurabilityPolicy.VOLATILE)
@@ -43,28 +46,29 @@ def depth(topic: Topic | None) -> int:
 
 def offered(topic: Topic) -> QoSProfile:
     """Return the profile of a publisher of this package."""
-    return _profile(depth(topic), durable=topic.rate == LATCHED)
+    return reliable(depth(topic), durable=topic.rate == LATCHED)
 
 
 def requested(topic: Topic, lockstep: bool) -> QoSProfile:
     """Return the profile of a subscription of this package; in real time the history is short."""
     if topic.rate == LATCHED:
-        return _profile(1, durable=True)
-    return _profile(depth(topic) if lockstep else COMMAND_DEPTH, durable=False)
+        return reliable(1, durable=True)
+    return reliable(depth(topic) if lockstep else COMMAND_DEPTH)
 
 
-def newest(durable: bool = False) -> QoSProfile:
-    """Return a profile that keeps the newest message only."""
-    return _profile(1, durable)
+def adapted(publishers: Sequence[TopicEndpointInfo], history: int) -> QoSProfile:
+    """Return a profile for discovered publishers: their reliability and durability.
 
+    Where one of them, such as a sensor driver, offers best effort, or there is none yet, best
+    effort is asked for, which matches all.
 
-def adapted(history: int, durable: bool) -> QoSProfile:
-    """Return a profile for a discovered publisher: its durability, and a depth [messages]."""
-    return _profile(history, durable)
-
-
-def best_effort(history: int) -> QoSProfile:
-    """Return a profile that also matches best-effort publishers, such as sensor drivers."""
+    Args:
+        history: Depth [messages].
+    """
+    profiles = [publisher.qos_profile for publisher in publishers]
+    if profiles and all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles):
+        return reliable(history, all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL
+                                     for p in profiles))
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=history,
                       reliability=ReliabilityPolicy.BEST_EFFORT,
                       durability=DurabilityPolicy.VOLATILE)

@@ -10,7 +10,6 @@ from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Header, String
 
@@ -183,11 +182,7 @@ class RecorderNode(node_main.GraphNode):
         self._subscribed.add(name)
         self._last_new_topic_s = time.monotonic()
         topic = self._topic(name)
-        profiles = [info.qos_profile for info in infos]
-        durable = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
-        reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
-        profile = qos.adapted(qos.depth(topic), durable) if reliable else \
-            qos.best_effort(qos.depth(topic))
+        profile = qos.adapted(infos, qos.depth(topic))
         try:
             cls = message_class(type_name)
         except GraphError as error:
@@ -195,7 +190,7 @@ class RecorderNode(node_main.GraphNode):
             return
         if type_name in _VELOCITIES:
             self._velocities[name] = type_name
-        self._writer.add_topic(name, type_name, qos=profiles[0],
+        self._writer.add_topic(name, type_name, qos=infos[0].qos_profile,
                                definition=definition_of(type_name))
         is_clock = name == self._clock_name
         latched = topic is not None and topic.rate == topics.LATCHED

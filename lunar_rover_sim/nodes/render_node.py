@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import collections
-from collections.abc import Sequence
 import dataclasses
 import json
 import time
 from typing import Any, NamedTuple
 
 from nav_msgs.msg import Odometry
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
@@ -18,7 +16,6 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.camera.miscalibration import Miscalibration
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.camera_publisher import (CameraPublisher, EXPOSURE, LabelPublisher,
@@ -29,6 +26,7 @@ from lunar_rover_sim.nodes.moving_sun import MovingSun
 from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds
 from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
+from lunar_rover_sim.nodes.state_publisher import publish_frames
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rendering.frame import unknown_flows
 from lunar_rover_sim.rendering.renderer import Renderer
@@ -36,11 +34,6 @@ from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 from lunar_rover_sim.world.site import reported_site
-
-try:
-    from tf2_msgs.msg import TFMessage
-except ImportError:
-    TFMessage = None
 
 # A state between two periods that stays alone for so long is drawn all the same [wall time].
 _SINGLE_S = 0.3
@@ -116,7 +109,7 @@ class RenderNode(node_main.GraphNode):
                                  qos.requested(topics.ODOM, lockstep=True), raw=True)
         self._pair, *self._others = self._cameras = [
             CameraPublisher(self, camera, config, self._renderer, self._wake_if_idle,
-                            self._wake_later) for camera in cameras]
+                            self.wake_later) for camera in cameras]
         publish_frames(self, [frame for camera in cameras for frame in camera.frames])
         self._readers = ReaderDiscovery(
             self, [publisher for camera in self._cameras for publisher in camera.publishers],
@@ -223,12 +216,7 @@ class RenderNode(node_main.GraphNode):
             if self._config.lockstep:
                 self.wake()
             else:
-                self._wake_later()
-
-    def _wake_later(self) -> None:
-        """Request a call of `work` after the callbacks that are due now; from any thread."""
-        if self.executor is not None:
-            self.executor.create_task(self.wake)
+                self.wake_later()
 
     # Output
 
@@ -250,7 +238,7 @@ class RenderNode(node_main.GraphNode):
         if finish:
             self._finish(self._begun.popleft())
         if self._begun:
-            self._wake_later()
+            self.wake_later()
         elif finish and self._poses:
             self._wake_if_idle()
 
@@ -324,18 +312,3 @@ class RenderNode(node_main.GraphNode):
     def _frame_rate_status(self) -> SubjectStatus:
         fed, self._is_fed = self._is_fed, False
         return self._rate.status('' if fed else 'No new odometry')
-
-
-def publish_frames(node: Node, fixed: Sequence[tuple[str, str, Array]]) -> None:
-    """Publish fixed frames on tf_static, where tf2_msgs is installed.
-
-    Args:
-        node: Publishes them.
-        fixed: (parent, child, (4, 4) T_parent_child).
-    """
-    if TFMessage is None or not fixed:
-        return
-    zero = conversions.time_msg(0)
-    node.create_publisher(TFMessage, topics.TF_STATIC.name, qos.offered(topics.TF_STATIC)).publish(
-        TFMessage(transforms=[conversions.transform(parent, child, pose, zero)
-                              for parent, child, pose in fixed]))

@@ -33,11 +33,6 @@ from lunar_rover_sim.slam.program import command_words, program_settings, SlamPr
 from lunar_rover_sim.slam.protocol import FrameSet
 from lunar_rover_sim.stereo.points import grey
 
-try:
-    from tf2_msgs.msg import TFMessage
-except ImportError:     # not in the wheels
-    TFMessage = None
-
 _MOST_UNPAIRED = 20
 _RECENT = 20                # answers whose latency is in the diagnostics
 _COMPILED_MPS2 = 9.81       # gravity in ORB-SLAM3
@@ -73,7 +68,7 @@ class SlamNode(node_main.GraphNode):
         self._program = SlamProgram(
             command_words(config.command, suite, config.sensor, Path(self._folder.name)),
             program_settings(suite, config.sensor, config.lockstep), config.ready_s,
-            config.answer_s, self._wake_later)
+            config.answer_s, self.wake_later)
         # The publisher of the status is made when the program is ready: time waits for it.
         self._status: Publisher | None = None
         self._matching: ReaderDiscovery | None = None
@@ -81,9 +76,10 @@ class SlamNode(node_main.GraphNode):
                                            qos.offered(topics.SLAM_POSE))
         self._tf = None
         if config.publish_tf:
-            if TFMessage is None:
+            if conversions.TFMessage is None:
                 raise ConfigError('publish_tf: true needs tf2_msgs, which is not installed')
-            self._tf = self.create_publisher(TFMessage, topics.TF.name, qos.offered(topics.TF))
+            self._tf = self.create_publisher(conversions.TFMessage, topics.TF.name,
+                                             qos.offered(topics.TF))
         for topic in self._sides:
             self.create_subscription(
                 Image, topic.name, lambda msg, name=topic.name: self._image_callback(name, msg),
@@ -103,10 +99,6 @@ class SlamNode(node_main.GraphNode):
         self.get_logger().info(f'{sum(self._frames)} frames answered: {counts}; '
                                f'{self._drops.total} left out; latency '
                                f'{_median_ms(self._latencies_s)} ms in the median')
-
-    def _wake_later(self) -> None:
-        if self.executor is not None:
-            self.executor.create_task(self.wake)
 
     # Input
 
@@ -183,8 +175,8 @@ class SlamNode(node_main.GraphNode):
             T = se3(matrix_from_wxyz(pose.wxyz), pose.position_m)
             self._pose.publish(conversions.pose_stamped(T, self._config.frame_id, stamp))
             if self._tf is not None:
-                self._tf.publish(TFMessage(transforms=[conversions.transform(
-                    self._config.frame_id, self._config.child_frame_id, T, stamp)]))
+                self._tf.publish(conversions.tf_message(
+                    [(self._config.frame_id, self._config.child_frame_id, T)], stamp))
         # Without the latency, which is wall time: recordings in lockstep are repeatable.
         level = DiagnosticStatus.OK if pose.state == protocol.TRACKING else DiagnosticStatus.WARN
         array = DiagnosticArray(status=[DiagnosticStatus(

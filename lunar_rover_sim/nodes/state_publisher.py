@@ -27,11 +27,6 @@ from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 from lunar_rover_sim.sensors.imu import ImuNoise
 from lunar_rover_sim.world.grid import HeightGrid
 
-try:
-    from tf2_msgs.msg import TFMessage
-except ImportError:
-    TFMessage = None
-
 
 class StatePublisher:
     """Publishers of one state: IMU with its truth, contacts, odometry, joints, tf, clock."""
@@ -59,13 +54,12 @@ class StatePublisher:
                                                                  qos.offered(topic))
         conversions.set_odometry_covariance(self._messages[self._truth.name], config.odometry)
         self._tf = None
-        if TFMessage is None:
+        if conversions.TFMessage is None:
             node.get_logger().info('tf2_msgs is not installed: no tf is published')
         else:
-            self._tf = node.create_publisher(TFMessage, topics.TF.name, qos.offered(topics.TF))
-            self._tf_static = node.create_publisher(TFMessage, topics.TF_STATIC.name,
-                                                    qos.offered(topics.TF_STATIC))
-            self._tf_static.publish(self._static_transforms())
+            self._tf = node.create_publisher(conversions.TFMessage, topics.TF.name,
+                                             qos.offered(topics.TF))
+        publish_frames(node, fixed_frames(rover))
 
     def restart(self, imu: ImuNoise) -> None:
         """Begin again with the noise of a new start."""
@@ -91,7 +85,8 @@ class StatePublisher:
         links = link_poses(self._rover, state.joint_angle_rad)
         self._fill_others(state, links, stamp)
         if self._tf is not None:
-            self._tf.publish(self._moving_transforms(state, links, stamp))
+            self._tf.publish(conversions.tf_message(moving_frames(
+                self._rover, state.T_world_base, links, self._config.pose_frames), stamp))
         self._send(self._others)
 
     def _send(self, published: Sequence[topics.Topic]) -> None:
@@ -117,16 +112,20 @@ class StatePublisher:
                                     state.contact_torque_nm[k] @ R_world_leg, topic.frame_id,
                                     stamp)
         if self._config.publish_clock:
-            conversions.fill_clock(messages[topics.CLOCK.name], stamp)
+            messages[topics.CLOCK.name].clock = stamp
 
-    def _moving_transforms(self, state: RoverState, links: dict[str, Array], stamp: Time) -> Any:
-        moved = moving_frames(self._rover, state.T_world_base, links, self._config.pose_frames)
-        return TFMessage(transforms=[conversions.transform(*frame, stamp) for frame in moved])
 
-    def _static_transforms(self) -> Any:
-        zero = conversions.time_msg(0)
-        return TFMessage(transforms=[conversions.transform(parent, child, pose, zero)
-                                     for parent, child, pose in fixed_frames(self._rover)])
+def publish_frames(node: Node, fixed: Sequence[tuple[str, str, Array]]) -> None:
+    """Publish fixed frames on tf_static, where tf2_msgs is installed.
+
+    Args:
+        node: Publishes them.
+        fixed: (parent, child, (4, 4) T_parent_child).
+    """
+    if conversions.TFMessage is not None and fixed:
+        node.create_publisher(
+            conversions.TFMessage, topics.TF_STATIC.name, qos.offered(topics.TF_STATIC)).publish(
+                conversions.tf_message(fixed, conversions.time_msg(0)))
 
 
 class GroundPublisher:
@@ -170,6 +169,6 @@ class GroundPublisher:
             self._send(self._snapshot, self._overlay.snapshot())
 
     def _send(self, publisher: Publisher, changes: GroundChanges) -> None:
-        publisher.publish(image_conversions.ground_cloud(
-            points_of(changes, self._ground), conversions.time_msg(self._now_ns),
-            self._frame_id))
+        publisher.publish(image_conversions.cloud(
+            points_of(changes, self._ground), self._frame_id,
+            conversions.time_msg(self._now_ns)))

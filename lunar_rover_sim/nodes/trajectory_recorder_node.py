@@ -6,8 +6,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.evaluation.trajectory_sources import POSES_OF
 from lunar_rover_sim.nodes import node_main, qos
@@ -60,15 +58,10 @@ class TrajectoryRecorderNode(node_main.GraphNode):
         if type_name not in POSES_OF:
             raise GraphError(f'{name}: type {type_name} holds no pose with a stamp; valid are '
                              + ', '.join(POSES_OF))
-        profiles = [info.qos_profile for info in infos]
-        reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
-        durable = bool(profiles) and all(
-            p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
-        profile = qos.adapted(qos.STATE_DEPTH, durable) if infos and reliable else \
-            qos.best_effort(qos.STATE_DEPTH)
         poses_of = POSES_OF[type_name]
         self.create_subscription(message_class(type_name), TOPIC,
-                                 lambda msg: self._write(poses_of(msg)), profile)
+                                 lambda msg: self._write(poses_of(msg)),
+                                 qos.adapted(infos, qos.STATE_DEPTH))
 
     def _begin_next_file(self) -> None:
         """Go on in FILE_2, FILE_3 ...: the stamps of a trajectory increase."""

@@ -100,7 +100,7 @@ class ViewNode(node_main.GraphNode):
         elif wanted and self._clock_reader is None and clock.graph_name in self._types:
             self._clock_reader = self.create_subscription(
                 message_class(clock.type), clock.graph_name,
-                self._clock_callback, qos.adapted(_HISTORY, False))
+                self._clock_callback, qos.reliable(_HISTORY, False))
             return True
         if wanted and self._clock_reader is None:
             self._view.tell_time(time.time_ns())
@@ -132,7 +132,7 @@ class ViewNode(node_main.GraphNode):
                             raw if source == topic else self._transforms.of(raw))
 
         self._read[topic] = self.create_subscription(
-            message_class(msgtype), source, callback, qos.adapted(_HISTORY, durable), raw=True)
+            message_class(msgtype), source, callback, qos.reliable(_HISTORY, durable), raw=True)
 
     def _on_drive(self, topic: str, data: bytes) -> None:
         """Publish a velocity of a client; called in a thread of the server."""

@@ -25,14 +25,12 @@ class NodeState:
         state: READY, WAITING or FATAL.
         text: The words for people.
         awaits: What is waited for, PUBLISHERS or ANSWERS; '' where nothing is missing.
-        topics: On which.
         at_ns: Simulated time at which time stands still for it [ns]; -1 where none does.
     """
 
     state: str
     text: str = ''
     awaits: str = ''
-    topics: tuple[str, ...] = ()
     at_ns: int = -1
 
 
@@ -96,9 +94,7 @@ class StateReader:
                 break
             *lines, self._rest = (self._rest + chunk).split(b'\n')
             for line in lines:
-                values = json.loads(line)
-                self.told.append(NodeState(**{**values,
-                                              'topics': tuple(values.get('topics', ()))}))
+                self.told.append(NodeState(**json.loads(line)))
         return self.told
 
     def close(self) -> None:

@@ -76,7 +76,7 @@ class FakeTFMessage:
 
 @pytest.fixture(autouse=True)
 def _tf(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(state_publisher, 'TFMessage', FakeTFMessage)
+    monkeypatch.setattr(conversions, 'TFMessage', FakeTFMessage)
 
 
 def published(state: RoverState, **parameters: bool) -> FakeNode:
@@ -190,7 +190,7 @@ def test_the_order_of_a_state(state: RoverState) -> None:
 
 def test_refilled_messages_equal_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing of the state before is left in the messages of the next one."""
-    monkeypatch.setattr(state_publisher, 'TFMessage', None)
+    monkeypatch.setattr(conversions, 'TFMessage', None)
     rng = np.random.default_rng(3)
     first, second = random_state(rng), random_state(rng)
     rover = RoverDescription()

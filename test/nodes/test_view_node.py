@@ -20,7 +20,8 @@ def latched_description(peer: Peer) -> Publisher:
     from std_msgs.msg import String
 
     from lunar_rover_sim.nodes import qos
-    latched = peer.node.create_publisher(String, 'robot_description', qos.newest(durable=True))
+    latched = peer.node.create_publisher(String, 'robot_description',
+                                         qos.reliable(1, durable=True))
     latched.publish(String(data='<robot/>'))
     return latched
 

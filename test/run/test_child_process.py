@@ -137,8 +137,8 @@ def reader(monkeypatch: pytest.MonkeyPatch) -> StateReader:
 
 
 def test_states_arrive_in_order_and_stay(reader: StateReader) -> None:
-    states = [NodeState(node_state.READY, topics=('odom',)),
-              NodeState(node_state.WAITING, 'no answer', node_state.ANSWERS, ('a', 'b'), 5)]
+    states = [NodeState(node_state.READY),
+              NodeState(node_state.WAITING, 'no answer', node_state.ANSWERS, 5)]
     assert reader.read() == []
     node_state.tell(states[0])
     assert reader.read() == states[:1]

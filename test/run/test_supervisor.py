@@ -133,7 +133,7 @@ def start_all(folder: Path, monkeypatch: pytest.MonkeyPatch, scripts: dict[str, 
 
 @pytest.mark.parametrize('physics', [
     'time.sleep(60.0)',
-    'tell(NodeState(WAITING, awaits=PUBLISHERS, topics=("lidar/scanned",)))\n'
+    'tell(NodeState(WAITING, awaits=PUBLISHERS))\n'
     'fail("no publisher for 60 s on lidar/scanned")\nexit(1)'])
 def test_who_has_not_started_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                       physics: str) -> None:
