@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.frames import Array
 
 Stamps = NDArray[np.int64]
+T = TypeVar('T')
 
 
 class Odometry(NamedTuple):
@@ -93,6 +94,20 @@ def picture(bag: Bag, message: Any) -> Picture:
     if problem:
         raise BagError(f'{bag.path}: image at {stamp_ns * 1e-9:.3f} s: {problem}')
     return Picture(stamp_ns, message.encoding, message_validity.pixels(message))
+
+
+def messages_at(bag: Bag, kinds: Iterable[topics.Topic], stamp_ns: int
+                ) -> dict[topics.Topic, Any]:
+    """Return the messages of some topics at a bag time [ns]; what there is not is left out."""
+    names = {bag.resolve(topic.name): topic for topic in kinds if bag.has(topic.name)}
+    return {names[name]: message for name, _, message
+            in bag.messages(names, stamp_ns, stamp_ns + 1)} if names else {}
+
+
+def spread(items: Sequence[T], most: int) -> list[T]:
+    """Return at most so many items, evenly over all, the ends included."""
+    places = np.unique(np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(int))
+    return [items[k] for k in places]
 
 
 def common_stamps(bag: Bag, names: Sequence[str]) -> list[int]:

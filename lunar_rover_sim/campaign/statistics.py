@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.messages import exposure_s
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.series import common_stamps, picture, read_imu, read_odometry
+from lunar_rover_sim.bag.series import common_stamps, messages_at, picture, read_imu, read_odometry
 from lunar_rover_sim.bag.totals import driven_distance_m, every_step, simulated_end_ns
 from lunar_rover_sim.inspection.disparity_error import disparity_map, is_textured
 from lunar_rover_sim.run.recorded_run import RecordedRun
@@ -115,13 +115,11 @@ class _StereoSet(NamedTuple):
 def _samples(bag: Bag) -> Iterator[_StereoSet]:
     if not bag.has(topics.LEFT_IMAGE.name):
         return
-    names = {bag.resolve(t.name): t for t in (topics.LEFT_IMAGE, topics.TRUE_DEPTH,
-                                              topics.DISPARITY) if bag.has(t.name)}
-    stamps = common_stamps(bag, [t.name for t in names.values()])
+    wanted = topics.LEFT_IMAGE, topics.TRUE_DEPTH, topics.DISPARITY
+    stamps = common_stamps(bag, [t.name for t in wanted if bag.has(t.name)])
     chosen = np.unique(np.linspace(0, len(stamps) - 1, min(SAMPLES, len(stamps))).astype(int))
     for k in chosen:
-        found = {names[topic]: message for topic, _, message in
-                 bag.messages(names, stamps[k], stamps[k] + 1)}
+        found = messages_at(bag, wanted, stamps[k])
         depth = picture(bag, found[topics.TRUE_DEPTH]).pixels \
             if topics.TRUE_DEPTH in found else None
         yield _StereoSet(picture(bag, found[topics.LEFT_IMAGE]).pixels, depth,

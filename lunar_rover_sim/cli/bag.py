@@ -20,7 +20,7 @@ from lunar_rover_sim.bag.totals import recorded_factor, simulated_end_ns
 from lunar_rover_sim.camera.chase import ChaseConfig, HEADING, SUN, TRIPOD, tripod_problem
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.options import numbers
-from lunar_rover_sim.cli.terminal import console, print_json, Progress, say, table
+from lunar_rover_sim.cli.terminal import print_json, print_table, Progress, say
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.files.film_file import check_suffix, SUFFIXES, U8, write_film
 from lunar_rover_sim.files.paths import check_path
@@ -111,11 +111,10 @@ def _info(args: argparse.Namespace) -> int:
     if args.json:
         print_json(found)
         return 0
-    rows = table(('topic', 'type', 'messages', 'rate'), 2, box=None, pad_edge=False)
-    for one in topics_found:
-        rate = '' if one['rate_hz'] is None else f'{one["rate_hz"]:.1f} Hz'
-        rows.add_row(one['topic'], one['type'], str(one['messages']), rate)
-    console().print(rows)
+    print_table(('topic', 'type', 'messages', 'rate'), 2, (
+        (one['topic'], one['type'], str(one['messages']),
+         '' if one['rate_hz'] is None else f'{one["rate_hz"]:.1f} Hz') for one in topics_found),
+        box=None, pad_edge=False)
     factor = found['real_time_factor']
     say(f'{found["messages"]} messages, {start_s:.3f} s to {end_s:.3f} s, '
         f'{found["size_bytes"] / 1e6:.1f} MB, {found["storage"]}'
@@ -137,11 +136,9 @@ def _check(args: argparse.Namespace) -> int:
         return 0 if report.ok else 1
     styles = {Status.PASS: 'green', Status.WARN: 'yellow', Status.FAIL: 'bold red',
               Status.SKIP: 'dim'}
-    rows = table(('check', '', 'found'), 3, box=None, pad_edge=False)
-    for finding in report.findings:
-        rows.add_row(finding.check, Text(finding.status.value, styles[finding.status]),
-                     Text(finding.detail))
-    console().print(rows)
+    print_table(('check', '', 'found'), 3, (
+        (finding.check, Text(finding.status.value, styles[finding.status]), Text(finding.detail))
+        for finding in report.findings), box=None, pad_edge=False)
     failed = len(report.failed)
     say(f'{args.bag}: ' + (f'{failed} of {len(report.findings)} checks failed'
                            if failed else 'passed'))

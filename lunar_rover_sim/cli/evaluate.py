@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.text import Text
 
 from lunar_rover_sim.cli import options
-from lunar_rover_sim.cli.terminal import console, print_json, say, table
+from lunar_rover_sim.cli.terminal import print_json, print_table, say
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.registration import MODES
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
@@ -64,15 +64,14 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json(result.to_mapping())
         return 0
-    rows = table(('', 'rmse', 'mean', 'median', 'max', 'n'), 1, box=None, pad_edge=False)
-    for name, s in ((f'ATE [m], {args.align}', result.ate_m), ('ATE [deg]', result.ate_deg),
-                    (f'RPE over {args.distance:g} m [m]', result.rpe_distance_m),
-                    (f'RPE over {args.distance:g} m [deg]', result.rpe_distance_deg),
-                    (f'RPE over {args.time:g} s [m]', result.rpe_time_m),
-                    (f'RPE over {args.time:g} s [deg]', result.rpe_time_deg)):
-        rows.add_row(Text(name), *(_number(v, 5) for v in (s.rmse, s.mean, s.median, s.max)),
-                     str(s.count))
-    console().print(rows)
+    errors = {f'ATE [m], {args.align}': result.ate_m, 'ATE [deg]': result.ate_deg,
+              f'RPE over {args.distance:g} m [m]': result.rpe_distance_m,
+              f'RPE over {args.distance:g} m [deg]': result.rpe_distance_deg,
+              f'RPE over {args.time:g} s [m]': result.rpe_time_m,
+              f'RPE over {args.time:g} s [deg]': result.rpe_time_deg}
+    print_table(('', 'rmse', 'mean', 'median', 'max', 'n'), 1, (
+        (Text(name), *(_number(v, 5) for v in (s.rmse, s.mean, s.median, s.max)), str(s.count))
+        for name, s in errors.items()), box=None, pad_edge=False)
     say(f'scale {_number(result.scale, 5)}, drift {_number(result.drift_percent, 2)} % '
         f'of distance (at the end {_number(result.end_drift_percent, 2)} %), '
         f'{result.length_m:.2f} m, tracked {100 * result.tracked_share:.1f} %, '

@@ -7,7 +7,7 @@ import argparse
 from rich.text import Text
 
 from lunar_rover_sim.cli import options
-from lunar_rover_sim.cli.terminal import console, Progress, say, table
+from lunar_rover_sim.cli.terminal import print_table, Progress, say
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.image_comparison import (compare_images, DISTANCE, FRAMES,
                                                          ImageComparison)
@@ -57,16 +57,13 @@ def _print(result: ImageComparison) -> None:
         say(f'{name}: {one.images.path} ({one.images.layout}, {len(one.values)} of '
             f'{one.images.total})')
     say(f'compared at a width of {result.width_px} px, 95 % intervals')
-    rows = table(('', 'A', 'B', 'B - A', 'p', 'n'), 1, box=None, pad_edge=False)
-    for row in result.rows:
-        if row.first.n or row.second.n:
-            rows.add_row(Text(row.name), _value(row.first), _value(row.second),
-                         _value(row.difference), _p(row.difference.p),
-                         f'{row.first.n}, {row.second.n}')
+    rows = [(Text(row.name), _value(row.first), _value(row.second), _value(row.difference),
+             _p(row.difference.p), f'{row.first.n}, {row.second.n}')
+            for row in result.rows if row.first.n or row.second.n]
     distance = result.distance
-    rows.add_row(Text(DISTANCE), '', '', _value(distance), _p(distance.p),
-                 f'{len(result.first.values)}, {len(result.second.values)}')
-    console().print(rows)
+    rows.append((Text(DISTANCE), '', '', _value(distance), _p(distance.p),
+                 f'{len(result.first.values)}, {len(result.second.values)}'))
+    print_table(('', 'A', 'B', 'B - A', 'p', 'n'), 1, rows, box=None, pad_edge=False)
     if result.chance == result.chance:
         say(f'{DISTANCE}: Wasserstein, in decades; images shuffled between the sets '
             f'reach {result.chance:.3g}')

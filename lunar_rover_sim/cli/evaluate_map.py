@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from lunar_rover_sim.cli import options
-from lunar_rover_sim.cli.terminal import console, print_json, say, table
+from lunar_rover_sim.cli.terminal import print_json, print_table, say
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.map_evaluation import CELL_M, evaluate_maps, NEAR_M, Rates
 from lunar_rover_sim.files.atomic import atomic_write
@@ -40,10 +40,8 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json(result.to_mapping())
         return 0
-    rows = table(('distance [m]', 'cells', 'RMS [m]', 'median [m]', 'precision', 'recall'), 1)
-    for one in (*result.by_distance, result.near):
-        rows.add_row(*_row(one))
-    console().print(rows)
+    print_table(('distance [m]', 'cells', 'RMS [m]', 'median [m]', 'precision', 'recall'), 1,
+                map(_row, (*result.by_distance, result.near)))
     say(f'{result.maps} maps, sun at {result.sun_deg:g} deg; the last row is all within '
         f'{NEAR_M:g} m; rocks count from {result.rock_m:.3f} m on; median error '
         f'{result.offset_m:+.4f} m')

@@ -6,7 +6,7 @@ file: nothing is cut off.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import contextlib
 import functools
 import os
@@ -39,18 +39,22 @@ def console() -> Console:
     return Console(width=PIPE_COLUMNS)
 
 
-def table(titles: Sequence[str], left: int, **options: Any) -> Table:
-    """Return a table whose first `left` columns are for text, the others for numbers.
+def print_table(titles: Sequence[str], left: int, rows: Iterable[Sequence[str | Text]],
+                **options: Any) -> None:
+    """Print a table whose first `left` columns are for text, the others for numbers.
 
     Args:
         titles: Titles of the columns.
         left: Number of columns that are aligned to the left.
+        rows: A cell for each column.
         **options: Of `rich.table.Table`.
     """
-    result = Table(**options)
+    table = Table(**options)
     for k, title in enumerate(titles):
-        result.add_column(title, justify='left' if k < left else 'right', overflow='fold')
-    return result
+        table.add_column(title, justify='left' if k < left else 'right', overflow='fold')
+    for row in rows:
+        table.add_row(*row)
+    console().print(table)
 
 
 def print_markdown(text: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from lunar_rover_sim.cli import options
-from lunar_rover_sim.cli.terminal import console, say, table
+from lunar_rover_sim.cli.terminal import print_table, say
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.paths import check_file
 from lunar_rover_sim.files.yaml_text import parse_yaml
@@ -42,13 +42,10 @@ def run(args: argparse.Namespace) -> int:
     imu.plot_format(args.output)   # an error is reported now, not after the study
     sensors = imu.study(config, args.hours * 3600.0, args.rate, args.seed)
     comparisons = imu.compare(sensors)
-    rows = table(('sensor', 'noise', 'configured', 'read back', 'error', 'bound', ''), 7,
-                 title=f'{args.hours:g} h at {args.rate:g} Hz, preset {config.preset}')
-    for c in comparisons:
-        rows.add_row(c.sensor, c.noise, f'{c.configured:.4g}', f'{c.measured:.4g}',
-                     f'{100 * c.error:+.1f} %', f'{100 * c.bound:.0f} %',
-                     'ok' if c.passed else 'OUT')
-    console().print(rows)
+    print_table(('sensor', 'noise', 'configured', 'read back', 'error', 'bound', ''), 7, (
+        (c.sensor, c.noise, f'{c.configured:.4g}', f'{c.measured:.4g}', f'{100 * c.error:+.1f} %',
+         f'{100 * c.bound:.0f} %', 'ok' if c.passed else 'OUT') for c in comparisons),
+        title=f'{args.hours:g} h at {args.rate:g} Hz, preset {config.preset}')
     imu.plot(sensors, args.output)
     say('white noise in m/s²/√Hz and rad/s/√Hz, bias random walk in m/s³/√Hz and rad/s²/√Hz')
     say(f'plot: {args.output}')

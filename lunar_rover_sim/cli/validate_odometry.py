@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 
 from lunar_rover_sim.cli import options
-from lunar_rover_sim.cli.terminal import console, Progress, say, table
+from lunar_rover_sim.cli.terminal import print_table, Progress, say
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import odometry
 
@@ -37,12 +37,11 @@ def run(args: argparse.Namespace) -> int:
     seeds = range(args.seed, args.seed + args.drives)
     with Progress('driving') as progress:
         result = odometry.study(scenario, seeds, args.duration, args.workers, progress)
-    rows = table(('error at the end of a drive', 'mean', 'root mean square'), 3,
-                 title=f'{result.drives} drives of {args.duration:g} s on {scenario.name}, '
-                 f'legs rolled {result.rolled_m:.1f} m')
-    for name, errors in zip(_AXES, result.errors.T):
-        rows.add_row(name, f'{errors.mean():+.3f}', f'{np.sqrt(np.mean(errors**2)):.3f}')
-    console().print(rows)
+    print_table(('error at the end of a drive', 'mean', 'root mean square'), 3, (
+        (name, f'{errors.mean():+.3f}', f'{np.sqrt(np.mean(errors**2)):.3f}')
+        for name, errors in zip(_AXES, result.errors.T)),
+        title=f'{result.drives} drives of {args.duration:g} s on {scenario.name}, '
+        f'legs rolled {result.rolled_m:.1f} m')
     if result.tipped_over:
         say('left out, since the rover tipped over: seed '
             f'{", ".join(str(seed) for seed in result.tipped_over)}')

@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 
 from lunar_rover_sim.cli import options
-from lunar_rover_sim.cli.terminal import console, print_json, Progress, say, table
+from lunar_rover_sim.cli.terminal import print_json, print_table, Progress, say
 from lunar_rover_sim.learning.policy_file import Policy, policy_names
 from lunar_rover_sim.learning.validation import DURATION_S, TOLERANCE, validate_policy
 
@@ -34,10 +34,9 @@ def run(args: argparse.Namespace) -> int:
         print_json({'policy': str(policy.path), 'tolerance': TOLERANCE, 'holds': not failed,
                     'terms': [dataclasses.asdict(check) for check in checks]})
         return int(bool(failed))
-    rows = table(('', 'term', 'greatest difference', 'span'), 2)
-    for check in checks:
-        rows.add_row(check.kind, check.name, f'{check.difference:.1e}', f'{check.span:.2f}')
-    console().print(rows)
+    print_table(('', 'term', 'greatest difference', 'span'), 2, (
+        (check.kind, check.name, f'{check.difference:.1e}', f'{check.span:.2f}')
+        for check in checks))
     card = policy.card
     say(f'{policy.path}: {card.task} of {card.rover} on {card.ground}, {card.algorithm}: '
         f'{len(checks) - len(failed)} of {len(checks)} terms agree within {TOLERANCE:g}')

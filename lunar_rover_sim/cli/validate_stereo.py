@@ -6,7 +6,7 @@ import argparse
 import json
 
 from lunar_rover_sim.cli import options
-from lunar_rover_sim.cli.terminal import console, Progress, say, table
+from lunar_rover_sim.cli.terminal import print_table, Progress, say
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.paths import make_new_folder
@@ -37,11 +37,9 @@ def run(args: argparse.Namespace) -> int:
         with Progress(scenario.name) as progress:
             errors = study(scenario, args.frames, args.output, progress)
         results[scenario.name] = errors.summary()
-    rows = table(('', *results), 1, title='SGM against true depth')
-    for row in next(iter(results.values())):
-        values = [results[name][row] for name in results]
-        rows.add_row(row, *(_formatted(row, v) for v in values))
-    console().print(rows)
+    print_table(('', *results), 1, (
+        (row, *(_formatted(row, of[row]) for of in results.values()))
+        for row in next(iter(results.values()))), title='SGM against true depth')
     atomic_write(args.output / 'stereo.json', json.dumps(results, indent=1) + '\n', ConfigError)
     say(f'written to {args.output}')
     return 0

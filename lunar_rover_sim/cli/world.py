@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 import dataclasses
 import json
 from pathlib import Path
@@ -11,11 +12,10 @@ from typing import Any
 
 import numpy as np
 from rich import box
-from rich.table import Table
 
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.cli import options
-from lunar_rover_sim.cli.terminal import console, print_json, Progress, say, table
+from lunar_rover_sim.cli.terminal import print_json, print_table, Progress, say
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.paths import check_file, check_png
 from lunar_rover_sim.illumination.dates import parse_date, shown
@@ -179,33 +179,30 @@ def run_info(args: argparse.Namespace) -> int:
     if args.json:
         print_json(found)
         return 0
-    shown = table(('', ''), 2, show_header=False, title=args.folder)
-    shown.add_row('source', f'{found["source"]} {found["path"]}'.strip())
-    shown.add_row('seed', str(found['seed']))
-    shown.add_row('hash', f'{found["hash"]} (checked)')
+    rows = [('source', f'{found["source"]} {found["path"]}'.strip()), ('seed', str(found['seed'])),
+            ('hash', f'{found["hash"]} (checked)')]
     for index, level in enumerate(found['levels']):
         low, high = level['height_m']
-        shown.add_row('ground' if index == 0 else f'level {index}',
-                      f'{level["side_m"]:g} m at {level["cell_m"]:g} m, heights {low:.2f} to '
-                      f'{high:.2f} m')
-    shown.add_row('RMS slope', ', '.join(f'{slope:.1f}° at {baseline} m' for baseline, slope
-                                         in found['rms_slope_deg'].items()))
+        rows.append(('ground' if index == 0 else f'level {index}',
+                     f'{level["side_m"]:g} m at {level["cell_m"]:g} m, heights {low:.2f} to '
+                     f'{high:.2f} m'))
+    rows.append(('RMS slope', ', '.join(f'{slope:.1f}° at {baseline} m' for baseline, slope
+                                        in found['rms_slope_deg'].items())))
     low, high = found['horizon_deg']
-    shown.add_row('horizon', f'{low:.1f}° to {high:.1f}° from 0.3 m above the origin')
+    rows.append(('horizon', f'{low:.1f}° to {high:.1f}° from 0.3 m above the origin'))
     craters, rocks = found['craters'], found['rocks']
-    shown.add_row('craters', f'{craters["on_ground"]} on the ground, {craters["all"]} in all')
+    rows.append(('craters', f'{craters["on_ground"]} on the ground, {craters["all"]} in all'))
     if rocks['all']:
         low, high = rocks['diameter_m']
-        shown.add_row('rocks', f'{rocks["all"]}, {low:.3g} to {high:.3g} m, '
-                               f'{rocks["of_0.3_m_and_more"]} of 0.3 m and more')
+        rows.append(('rocks', f'{rocks["all"]}, {low:.3g} to {high:.3g} m, '
+                              f'{rocks["of_0.3_m_and_more"]} of 0.3 m and more'))
     else:
-        shown.add_row('rocks', 'none')
-    shown.add_row('albedo factor', '{mean:.3f} ± {std:.3f}'.format(**found['albedo_factor']))
-    for name, value in found['report'].items():
-        shown.add_row(name.replace('_', ' '), f'{value:.6g}' if isinstance(value, float)
-                      else str(value))
-    shown.add_row('size', f'{found["size_bytes"] / 1e6:.0f} MB')
-    console().print(shown)
+        rows.append(('rocks', 'none'))
+    rows.append(('albedo factor', '{mean:.3f} ± {std:.3f}'.format(**found['albedo_factor'])))
+    rows += [(name.replace('_', ' '), f'{value:.6g}' if isinstance(value, float) else str(value))
+             for name, value in found['report'].items()]
+    rows.append(('size', f'{found["size_bytes"] / 1e6:.0f} MB'))
+    print_table(('', ''), 2, rows, show_header=False, title=args.folder)
     return 0
 
 
@@ -360,7 +357,8 @@ def run_sun(args: argparse.Namespace) -> int:
     over = sky_over_time(site, start + np.arange(count) * np.timedelta64(
         round(args.step * 3.6e9 / fine), 'us'), world)
     name = f'longitude {site.lon_deg:.4f}°, latitude {site.lat_deg:.4f}°'
-    console().print(_table(over, fine, name))
+    print_table(('UTC', 'sun elev.', 'azimuth', 'true az.', 'in light', 'Earth elev.', 'azimuth'),
+                1, _rows(over, fine), title=name, box=box.SIMPLE_HEAD, padding=(0, 0))
     say(_summary(over, site, world))
     if args.output is not None:
         write_figure(over, args.output, name if world is None else f'{args.place[0]}: {name}')
@@ -416,17 +414,14 @@ def _time(args: argparse.Namespace) -> tuple[np.datetime64, float]:
     return start, hours
 
 
-def _table(over: SkyOverTime, every: int, title: str) -> Table:
-    """Return every n-th sample as a row."""
-    rows = table(('UTC', 'sun elev.', 'azimuth', 'true az.', 'in light', 'Earth elev.', 'azimuth'),
-                 1, title=title, box=box.SIMPLE_HEAD, padding=(0, 0))
+def _rows(over: SkyOverTime, every: int) -> Iterator[tuple[str, ...]]:
+    """Yield every n-th sample as a row."""
     sun, earth = over.sky.sun, over.sky.earth
     for k in range(0, len(over.dates_utc), every):
-        rows.add_row(np.datetime_as_string(over.dates_utc[k], unit='m').replace('T', ' '),
-                     f'{sun.elevation_deg[k]:.2f}°', f'{sun.azimuth_deg[k]:.2f}°',
-                     f'{sun.true_azimuth_deg[k]:.2f}°', f'{100.0 * over.lit[k]:.0f} %',
-                     f'{earth.elevation_deg[k]:.2f}°', f'{earth.azimuth_deg[k]:.2f}°')
-    return rows
+        yield (np.datetime_as_string(over.dates_utc[k], unit='m').replace('T', ' '),
+               f'{sun.elevation_deg[k]:.2f}°', f'{sun.azimuth_deg[k]:.2f}°',
+               f'{sun.true_azimuth_deg[k]:.2f}°', f'{100.0 * over.lit[k]:.0f} %',
+               f'{earth.elevation_deg[k]:.2f}°', f'{earth.azimuth_deg[k]:.2f}°')
 
 
 def _summary(over: SkyOverTime, site: Site, world: World | None) -> str:

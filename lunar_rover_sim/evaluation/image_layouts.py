@@ -28,11 +28,10 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.series import picture, read_calibration
+from lunar_rover_sim.bag.series import messages_at, picture, read_calibration, spread
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation import polar_layout
-from lunar_rover_sim.evaluation.image_statistics import (check_sizes, chosen, F32, GreyPair,
-                                                         levels_of)
+from lunar_rover_sim.evaluation.image_statistics import check_sizes, F32, GreyPair, levels_of
 from lunar_rover_sim.files.arrays import map_array
 from lunar_rover_sim.files.images import read_pixels
 from lunar_rover_sim.files.yaml_text import read_yaml
@@ -123,7 +122,7 @@ def _files(path: Path, layout: str, lefts: list[Path],
     scale = _disparity_scale(path) if layout == 'TartanAir' else 0.0
 
     def read(most: int) -> Iterator[GreyPair]:
-        for left in chosen(lefts, most):
+        for left in spread(lefts, most):
             right = right_of(left) if right_of is not None else None
             pair = GreyPair(left.name, _grey(left),
                             _grey(right) if right is not None and right.is_file() else None,
@@ -176,12 +175,11 @@ def _bag_pairs(path: Path, most: int) -> Iterator[GreyPair]:
         linear = RecordedRun(bag).scenario.get('render_node', 'sensor.companding') == 'linear'
         wanted = [t for t in (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.TRUE_DEPTH)
                   if bag.has(t.name)]
-        names = {bag.resolve(t.name): t for t in wanted}
         scale = _bag_scale(bag) if topics.TRUE_DEPTH in wanted else 0.0
         stamps = [m.time_ns for m in bag.raw([topics.LEFT_IMAGE.name])]
-        for stamp in chosen(stamps, most):
-            found = {names[topic]: picture(bag, message).pixels for topic, _, message
-                     in bag.messages(names, stamp, stamp + 1)}
+        for stamp in spread(stamps, most):
+            found = {topic: picture(bag, message).pixels
+                     for topic, message in messages_at(bag, wanted, stamp).items()}
 
             def side(pixels: NDArray[np.generic] | None) -> F32 | None:
                 # mono16 is linear in any case, mono8 and rgb8 as the scenario says.

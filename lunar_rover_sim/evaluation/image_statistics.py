@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -23,7 +23,6 @@ from lunar_rover_sim.stereo.error import stereo_errors
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 
 F32 = NDArray[np.float32]
-T = TypeVar('T')
 
 
 class GreyPair(NamedTuple):
@@ -81,12 +80,6 @@ def levels_of(pixels: NDArray[Any], linear: bool, black: float = 0.0, full: floa
     full = full or float(np.iinfo(pixels.dtype).max)
     levels = np.clip((grey.astype(np.float32) - black) / (full - black), 0.0, 1.0)
     return np.asarray(np.sqrt(levels) if linear else levels, np.float32)
-
-
-def chosen(items: list[T], most: int) -> list[T]:
-    """Return at most so many items, evenly over the list, its ends included."""
-    places = np.unique(np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(int))
-    return [items[k] for k in places]
 
 
 MEASURES: dict[str, str] = {

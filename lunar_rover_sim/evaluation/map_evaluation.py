@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import series
@@ -117,9 +118,7 @@ def evaluate_maps(path: Path, world: Path | None = None, most: int = 40,
         surface = TrueSurface(found)
         odometry = series.read_odometry(bag)
         stamps = [message.time_ns for message in bag.raw([topics.ELEVATION.name])]
-        chosen = sorted({stamps[int(k)] for k in
-                         np.linspace(0, len(stamps) - 1, min(most, len(stamps))).round()})
-        parts = [cells for stamp in chosen
+        parts = [cells for stamp in series.spread(stamps, most)
                  if (cells := _judged(bag, stamp, odometry, surface, limits.step_m)) is not None]
     if not parts:
         raise EvaluationError(f'{path}: no map holds a known cell')
@@ -134,10 +133,8 @@ def evaluate_maps(path: Path, world: Path | None = None, most: int = 40,
 def _judged(bag: Bag, stamp: int, odometry: series.Odometry, surface: TrueSurface,
             rock_m: float) -> _Cells | None:
     """Judge the map of one stamp [ns]; return None where no cell of it is known."""
-    cloud = next((m for _, _, m in bag.messages([bag.resolve(topics.ELEVATION.name)], stamp,
-                                                stamp + 1)), None)
-    grid = next((m for _, _, m in bag.messages([bag.resolve(topics.TRAVERSABILITY.name)], stamp,
-                                               stamp + 1)), None)
+    found = series.messages_at(bag, (topics.ELEVATION, topics.TRAVERSABILITY), stamp)
+    cloud, grid = found.get(topics.ELEVATION), found.get(topics.TRAVERSABILITY)
     if cloud is None or grid is None or not cloud.width or header_ns(grid) != stamp:
         return None
     points = np.frombuffer(bytes(cloud.data), '<f4').reshape(-1, 4).astype(float)
@@ -167,7 +164,8 @@ def _judged(bag: Bag, stamp: int, odometry: series.Odometry, surface: TrueSurfac
     fine = np.isfinite(error)
     return _Cells(*(values[fine] for values in (
         distance, error, is_flagged[rows, columns], is_rock[rows, columns],
-        _grown(is_flagged)[rows, columns], _grown(is_rock)[rows, columns], centre)))
+        *(binary_dilation(flags, np.ones((3, 3)))[rows, columns]
+          for flags in (is_flagged, is_rock)), centre)))
 
 
 def _flags(grid: Any, corner: NDArray[np.integer], shape: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -182,17 +180,6 @@ def _flags(grid: Any, corner: NDArray[np.integer], shape: tuple[int, ...]) -> ND
     flags = np.zeros(shape, bool)
     flags[tuple(place[inside].T)] = True
     return flags
-
-
-def _grown(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the flags and the cells beside them."""
-    padded = np.pad(flags, 1)
-    n, m = flags.shape
-    grown = np.zeros_like(flags)
-    for row in range(3):
-        for column in range(3):
-            grown |= padded[row:row + n, column:column + m]
-    return grown
 
 
 def _rates(cells: _Cells, low_m: float, high_m: float) -> Rates:

@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.bag.series import spread
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.image_statistics import (check_sizes, chosen, F32, GreyPair,
-                                                         levels_of)
+from lunar_rover_sim.evaluation.image_statistics import check_sizes, F32, GreyPair, levels_of
 from lunar_rover_sim.files.images import read_pixels
 from lunar_rover_sim.files.yaml_text import read_text
 
@@ -52,7 +52,7 @@ def scenes(path: Path) -> list[PolarScene]:
 
 def pairs(all_scenes: list[PolarScene], most: int) -> Iterator[GreyPair]:
     """Yield one pair for each of at most so many scenes."""
-    for scene in chosen(all_scenes, most):
+    for scene in spread(all_scenes, most):
         left_path, left = _exposed(scene)
         rights = sorted(left_path.parent.glob(
             f'CamR_*_{left_path.stem.rpartition("_")[2]}.png'))

@@ -31,17 +31,30 @@ _SEED = 19
 
 
 @dataclasses.dataclass(frozen=True)
-class Median:
-    """The median of `count` values and its 95 % interval.
-
-    The interval is that of percentiles of the bootstrap (Efron, Annals of Statistics 7, 1979), so
-    it never leaves the range of the values. It is NaN for fewer than three, the median for none.
-    """
+class Estimate:
+    """A value of `count` values and its 95 % interval."""
 
     value: float
     low: float
     high: float
     count: int
+
+    def text(self, digits: int, sign: str = '') -> str:
+        """Return `value [low, high]`; sign: '+' to write that of positive numbers."""
+        if not self.count:
+            return '–'
+        spec = f'{sign}.{digits}f'
+        if not np.isfinite(self.low):
+            return f'{self.value:{spec}}'
+        return f'{self.value:{spec}} [{self.low:{spec}}, {self.high:{spec}}]'
+
+
+class Median(Estimate):
+    """The median of `count` values and its 95 % interval.
+
+    The interval is that of percentiles of the bootstrap (Efron, Annals of Statistics 7, 1979), so
+    it never leaves the range of the values. It is NaN for fewer than three, the median for none.
+    """
 
     @classmethod
     def of(cls, values: Iterable[float], confidence: float = CONFIDENCE) -> Median:
@@ -55,26 +68,12 @@ class Median:
             low, high = _interval(known, np.median, _MEDIAN_RESAMPLES, _SEED, confidence)
         return cls(float(np.median(known)), low, high, len(known))
 
-    def text(self, digits: int) -> str:
-        """Return `median [low, high]`."""
-        if not self.count:
-            return '–'
-        if not np.isfinite(self.low):
-            return f'{self.value:.{digits}f}'
-        return f'{self.value:.{digits}f} [{self.low:.{digits}f}, {self.high:.{digits}f}]'
 
-
-@dataclasses.dataclass(frozen=True)
-class Mean:
+class Mean(Estimate):
     """The mean of `count` values and its 95 % interval, of percentiles of the bootstrap.
 
     NaN for no values.
     """
-
-    value: float
-    low: float
-    high: float
-    count: int
 
     @classmethod
     def of(cls, values: Array) -> Mean:
@@ -84,11 +83,6 @@ class Mean:
             return cls(float('nan'), float('nan'), float('nan'), 0)
         return cls(float(known.mean()), *_interval(known, np.mean, _MEAN_RESAMPLES, 1),
                    len(known))
-
-    def text(self, digits: int, sign: str = '') -> str:
-        """Return `mean [low, high]`; sign: '+' to write that of positive numbers."""
-        spec = f'{sign}.{digits}f'
-        return f'{self.value:{spec}} [{self.low:{spec}}, {self.high:{spec}}]'
 
 
 @dataclasses.dataclass(frozen=True)

@@ -84,8 +84,7 @@ def is_bag(path: Path) -> bool:
     return path.is_dir() or path.suffix in ('.mcap', '.db3')
 
 
-def load(source: Source, times: str | Path | None = None,
-         default_topic: str = '') -> Trajectory:
+def load(source: Source, times: str | Path | None = None) -> Trajectory:
     """Return a Trajectory as it is, or load `FILE`, `BAG` or `BAG:TOPIC`.
 
     Args:
@@ -97,7 +96,7 @@ def load(source: Source, times: str | Path | None = None,
     """
     if isinstance(source, Trajectory):
         return source
-    path, topic = split(source, default_topic)
+    path, topic = split(source)
     if not path.exists():
         raise EvaluationError(f'{path}: there is no such file or bag')
     if not is_bag(path):
@@ -106,13 +105,13 @@ def load(source: Source, times: str | Path | None = None,
         return trajectory_of_topic(bag, topic)
 
 
-def split(source: str | Path, default_topic: str = '') -> tuple[Path, str]:
-    """Return path and topic of `PATH` or `PATH:TOPIC`."""
+def split(source: str | Path) -> tuple[Path, str]:
+    """Return path and topic of `PATH` or `PATH:TOPIC`; '' for no topic."""
     text = str(source)
     path, colon, topic = text.rpartition(':')
     if colon and path and not Path(text).exists():
         return Path(path), topic
-    return Path(text), default_topic
+    return Path(text), ''
 
 
 def bag_of(source: Source) -> Path | None:

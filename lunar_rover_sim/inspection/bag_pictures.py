@@ -45,9 +45,7 @@ def _figure(bag: Bag, shown: Sequence[topics.Topic], file: str,
     stamps = series.common_stamps(bag, [topic.name for topic in wanted])
     if not stamps:
         return
-    names = {bag.resolve(topic.name): topic for topic in wanted}
-    found = {names[name]: message for name, _, message in
-             bag.messages(names, stamps[-1], stamps[-1] + 1)}
+    found = series.messages_at(bag, wanted, stamps[-1])
     figure = Figure(figsize=(10, 5.2), layout='constrained')
     panels = figure.subplots(2, 3).flat
     for axes in panels:
@@ -128,8 +126,8 @@ def chase_figure(bag: Bag, save: Save) -> None:
     if not stamps:
         return
     figure = Figure(figsize=(10, 6), layout='constrained')
-    for axes, stamp in zip(figure.subplots(2, 2).flat, _spread(stamps, _CHASE_FRAMES)):
-        message = next(message for _, _, message in bag.messages([name], stamp, stamp + 1))
+    for axes, stamp in zip(figure.subplots(2, 2).flat, series.spread(stamps, _CHASE_FRAMES)):
+        message = series.messages_at(bag, [topics.CHASE_IMAGE], stamp)[topics.CHASE_IMAGE]
         axes.imshow(layer_pictures.gray8(series.picture(bag, message).pixels)[..., ::-1])
         axes.set_title(f'{stamp * 1e-9:.3f} s', fontsize=9)
     for axes in figure.axes:
@@ -138,30 +136,23 @@ def chase_figure(bag: Bag, save: Save) -> None:
     save(figure, 'chase.png')
 
 
-def _spread(stamps: Sequence[int], count: int) -> list[int]:
-    chosen = np.linspace(0, len(stamps) - 1, min(count, len(stamps))).round().astype(int)
-    return [stamps[k] for k in chosen]
-
-
 def lidar_figure(bag: Bag, save: Save) -> None:
     """Draw the last scan: from above, coloured by intensity, and by direction, by distance."""
     cloud = next((t for t in _CLOUDS if bag.count(t.name)), None)
-    scans = topics.LIDAR_SCAN.name
-    has_scan = bag.count(scans) > 0
-    if cloud is None and not has_scan:
+    scans = topics.LIDAR_SCAN
+    if cloud is None and not bag.count(scans.name):
         return
-    name = scans if cloud is None else cloud.name
+    name = scans.name if cloud is None else cloud.name
     stamp = series.common_stamps(bag, [name])[-1]
-    names = [t for t in (name, scans) if bag.has(t)]
-    found = {topic: message for topic, _, message in bag.messages(names, stamp, stamp + 1)}
+    found = series.messages_at(bag, (scans, *([] if cloud is None else [cloud])), stamp)
     figure = Figure(figsize=(12, 5.5), layout='constrained')
     above, panorama = figure.subplots(1, 2)
     if cloud is not None:
-        _draw_cloud(figure, above, panorama, bag, found[bag.resolve(name)])
+        _draw_cloud(figure, above, panorama, bag, found[cloud])
     else:
         panorama.set_axis_off()
-    if has_scan and bag.resolve(scans) in found:
-        _draw_ring(above, found[bag.resolve(scans)])
+    if scans in found:
+        _draw_ring(above, found[scans])
     above.set(xlabel='x, forward [m]', ylabel='y, left [m]', aspect='equal')
     figure.suptitle(f'{name}, {stamp * 1e-9:.3f} s', fontsize=9)
     save(figure, 'lidar.png')
@@ -258,11 +249,8 @@ def _stereo(bag: Bag, save: Callable[[Figure, str], None]) -> None:
     wanted = [t for t in (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.DISPARITY,
                           topics.TRUE_DEPTH) if bag.has(t.name)]
     stamps = series.common_stamps(bag, [t.name for t in wanted])
-    chosen = np.linspace(0, len(stamps) - 1, min(FRAMES, len(stamps))).round().astype(int)
-    names = {bag.resolve(t.name): t for t in wanted}
-    for n, k in enumerate(sorted(set(chosen.tolist()))):
-        found = {names[topic]: message for topic, _, message in
-                 bag.messages(names, stamps[k], stamps[k] + 1)}
+    for n, stamp in enumerate(series.spread(stamps, FRAMES)):
+        found = series.messages_at(bag, wanted, stamp)
         figure = Figure(figsize=(10, 7.5), layout='constrained')
         for axes, topic in zip(figure.subplots(2, 2).flat,
                                (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.DISPARITY,
@@ -271,7 +259,7 @@ def _stereo(bag: Bag, save: Callable[[Figure, str], None]) -> None:
             axes.set_title(topic.name, fontsize=9)
             if topic in found:
                 _draw(figure, axes, bag, topic, found[topic])
-        figure.suptitle(f'{stamps[k] * 1e-9:.3f} s', fontsize=9)
+        figure.suptitle(f'{stamp * 1e-9:.3f} s', fontsize=9)
         save(figure, f'stereo_{n}.png')
 
 

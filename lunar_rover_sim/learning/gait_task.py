@@ -109,8 +109,7 @@ class GaitDriver(Driver):
         self._upright.feel(sample)
         self._rates += self._upright.rate_radps ** 2
         self._torques += sample.torque_nm ** 2
-        power = self._motor.electric_power_w(sample.torque_nm, sample.speed_radps)
-        self._power += float(np.maximum(power, 0.0).sum())
+        self._power += self._motor.drawn_w(sample.torque_nm, sample.speed_radps)
         self._count += 1
         self._asked = self._gait.update(sample.stamp_ns, sample.angle_rad, sample.speed_radps)
 

@@ -271,8 +271,7 @@ class RoverTask(abc.ABC):
 
     def power_w(self, state: RoverState) -> float:
         """Return the electric power of all motors, none of which feeds back [W]."""
-        power = self._motor.electric_power_w(state.motor_torque_nm, state.joint_velocity_radps)
-        return float(np.maximum(power, 0.0).sum())
+        return self._motor.drawn_w(state.motor_torque_nm, state.joint_velocity_radps)
 
     def close(self) -> None:
         """Release the simulation."""

@@ -224,6 +224,12 @@ class Motor(Parameters):
         current = self.current_a(leg_torque_nm)
         return current ** 2 * self.resistance_ohm + leg_torque_nm * leg_speed_radps
 
+    def drawn_w(self, leg_torques_nm: Array, leg_speeds_radps: Array) -> float:
+        """Return the power that all legs draw [W]; none feeds back. (legs,) each."""
+        # Plain floats: on four numbers they take a third of the time of arrays.
+        return sum(max(self.electric_power_w(torque, speed), 0.0) for torque, speed
+                   in zip(leg_torques_nm.tolist(), leg_speeds_radps.tolist()))
+
 
 @dataclasses.dataclass(frozen=True)
 class StereoMount(Parameters):

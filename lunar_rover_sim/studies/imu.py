@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import nnls
 
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.figures import save_figure
@@ -83,22 +84,9 @@ def fit_noise(curve: AllanCurve) -> NoiseFit:
     for _ in range(20):
         # The number of points per decade is even, so weights need no further correction.
         weight = np.sqrt(freedom) / np.maximum(model, 1e-300)
-        squares = _non_negative(basis * weight[:, None], variance * weight)
+        squares = nnls(basis * weight[:, None], variance * weight)[0]
         model = basis @ squares
     return NoiseFit(float(np.sqrt(squares[0])), float(np.sqrt(squares[1])))
-
-
-def _non_negative(matrix: Array, target: Array) -> Array:
-    """Return the least-squares solution with two entries >= 0."""
-    best: Array = np.linalg.lstsq(matrix, target, rcond=None)[0].astype(np.float64)
-    if np.all(best >= 0.0):
-        return best
-    single = np.maximum(0.0, matrix.T @ target / np.maximum(np.sum(matrix ** 2, axis=0), 1e-300))
-    errors = [np.sum((matrix[:, k] * single[k] - target) ** 2) for k in range(2)]
-    best[:] = 0.0
-    winner = int(np.argmin(errors))
-    best[winner] = single[winner]
-    return best
 
 
 GRAVITY_MPS2 = 1.62

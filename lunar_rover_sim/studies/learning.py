@@ -228,9 +228,8 @@ def _measured(case: Case, simulation: Simulation,
         if k == first:
             begin = state
         elif k > first:
-            power = rover.motor.electric_power_w(state.motor_torque_nm,
-                                                 state.joint_velocity_radps)
-            energy_j += float(np.maximum(power, 0.0).sum()) * period_s
+            energy_j += period_s * rover.motor.drawn_w(state.motor_torque_nm,
+                                                       state.joint_velocity_radps)
             pitch += float(state.angular_velocity_radps[1]) ** 2
             if k % _SLIP_EVERY == 0:
                 feet.add(simulation.foot_motion, _SLIP_EVERY * period_s)

@@ -179,7 +179,7 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
         state = simulation.state
         poses = owned.enter_context(poses_of(pose, scenario, world, simulation, noise_seed))
         belly = BellyContacts(simulation, world.ground, belly_clearance_m(scenario.rover))
-        tip, motor = TipOver(), scenario.rover.motor
+        tip = TipOver()
         navigator = Navigator(nav, limits.half_width_m, world.ground.half_extent_m)
         eyes = Eyes(scenario, world, noise_seed, pose) if driver == SEEN else None
         straight = Driver(dataclasses.replace(
@@ -221,9 +221,8 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
                 state = simulation.advance(steps)
                 poses.add(state)
                 belly.add(state.stamp_ns * 1e-9)
-                energy += STATE_PERIOD_S * sum(
-                    max(motor.electric_power_w(torque, speed), 0.0) for torque, speed in
-                    zip(state.motor_torque_nm.tolist(), state.joint_velocity_radps.tolist()))
+                energy += STATE_PERIOD_S * scenario.rover.motor.drawn_w(
+                    state.motor_torque_nm, state.joint_velocity_radps)
                 if tip.has_begun(state.orientation_wxyz):
                     outcome = TIPPED
                     break

@@ -81,12 +81,6 @@ def study(scenario: Scenario, seeds: Sequence[int], duration_s: float, workers: 
     return dataclasses.replace(result, tipped_over=tuple(seeds[k] for k in result.tipped_over))
 
 
-def _tips_over(recorded: Walk) -> bool:
-    """Return whether the rover ever lies on its side or back."""
-    roll, pitch, _ = recorded.rpy_rad.T
-    return bool(np.any(np.cos(roll) * np.cos(pitch) < np.cos(np.radians(TIPPED_DEG))))
-
-
 def _drive(scenario: Scenario, duration_s: float, seed: int) -> Walk:
     scenario = dataclasses.replace(scenario, shared=dataclasses.replace(scenario.shared,
                                                                         seed=seed))
@@ -114,7 +108,7 @@ def judge(walks: Sequence[Walk], rover: RoverDescription, counts_per_turn: int,
     Raises:
         StudyError: If fewer than three are left, or if the rover stood still.
     """
-    tipped_over = tuple(k for k, each in enumerate(walks) if _tips_over(each))
+    tipped_over = tuple(k for k, each in enumerate(walks) if each.tilt_deg().max() > TIPPED_DEG)
     walks = [each for k, each in enumerate(walks) if k not in tipped_over]
     if len(walks) < LEAST_DRIVES:
         raise StudyError(f'{len(walks)} drives in which the rover does not tip over are not valid;'

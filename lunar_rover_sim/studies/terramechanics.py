@@ -137,9 +137,8 @@ def _walk(settings: WalkSettings, ground: Ground, simulation: Simulation) -> Gro
         else:
             measured += 1
             feet.add(simulation.foot_motion, period_s)
-            for torque, speed in zip(state.motor_torque_nm.tolist(),
-                                     state.joint_velocity_radps.tolist()):
-                energy += max(rover.motor.electric_power_w(torque, speed), 0.0) * period_s
+            energy += period_s * rover.motor.drawn_w(state.motor_torque_nm,
+                                                     state.joint_velocity_radps)
             pitch.append(math.degrees(rpy_from_wxyz(state.orientation_wxyz)[1]))
             contact = simulation.ground_contact
             if contact is not None:

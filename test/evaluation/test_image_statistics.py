@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scipy.stats import wasserstein_distance
 
+from lunar_rover_sim.bag.series import spread
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.image_comparison import compare_images
-from lunar_rover_sim.evaluation.image_statistics import (check_sizes, chosen, GreyPair,
-                                                         ground_mask, image_statistics, levels_of,
+from lunar_rover_sim.evaluation.image_statistics import (check_sizes, GreyPair, ground_mask,
+                                                         image_statistics, levels_of,
                                                          LOG_BINS, LOG_FLOOR, LOG_STEP, MEASURES,
                                                          SKY_STEP, spectrum_slope)
 from lunar_rover_sim.files.images import write_png
@@ -193,7 +194,7 @@ def test_scaling_down_keeps_means_and_shape(width):
                                            (6, [0, 2, 4, 6, 8, 10]), (11, list(range(11))),
                                            (99, list(range(11)))])
 def test_items_are_chosen_evenly(most, expected):
-    assert chosen(list(range(11)), most) == expected
+    assert spread(list(range(11)), most) == expected
 
 
 def test_images_of_other_sizes_are_named(tmp_path):
