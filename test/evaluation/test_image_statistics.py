@@ -13,9 +13,9 @@ from lunar_rover_sim.bag.series import spread
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.image_comparison import compare_images
 from lunar_rover_sim.evaluation.image_statistics import (check_sizes, GreyPair, ground_mask,
-                                                         image_statistics, levels_of,
-                                                         LOG_BINS, LOG_FLOOR, LOG_STEP, MEASURES,
-                                                         SKY_STEP, spectrum_slope)
+                                                         image_statistics, levels_of, LOG_BINS,
+                                                         LOG_FLOOR, LOG_STEP, MEASURES, SKY_STEP,
+                                                         spectrum_slope)
 from lunar_rover_sim.files.images import write_png
 
 
