@@ -124,11 +124,8 @@ class KittiSequence(PosedSequence):
         super().__init__(bag, folder, png)
         self._T_base_left = self.suite.T_base_imu @ self.suite.T_imu_left
         self._T_first_odom: Array | None = None
-        suite = self.suite
-        for k, baseline_m in enumerate((0.0, suite.baseline_m, 0.0, suite.baseline_m)):
-            P = [[suite.focal_px[0], 0.0, suite.centre_px[0], -suite.focal_px[0] * baseline_m],
-                 [0.0, suite.focal_px[1], suite.centre_px[1], 0.0], [0.0, 0.0, 1.0, 0.0]]
-            self.line('calib.txt', f'P{k}: {numbers(P)}')
+        for k, baseline_m in enumerate(2 * (0.0, self.suite.baseline_m)):
+            self.line('calib.txt', f'P{k}: {numbers(self.suite.P(baseline_m))}')
         self._velodyne: VelodyneFiles | None = None
         if cloud is not None and self.T_base_lidar is not None:
             self._velodyne = VelodyneFiles(bag, cloud, folder, self.T_base_lidar)

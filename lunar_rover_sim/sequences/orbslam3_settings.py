@@ -29,15 +29,14 @@ _GRAVITY_NOTE = (
 _THRESHOLD_BASELINES = 60.0
 
 
-def settings(suite: SensorSuite, sensor: str, legacy: bool = False, features: int = 2000,
-             rgb_depth_factor: float = DEPTH_FACTOR) -> str:
+def settings(suite: SensorSuite, sensor: str, legacy: bool = False,
+             features: int = 2000) -> str:
     """Return the text of a settings file.
 
     Args:
         sensor: `mono`, `stereo`, `stereo-inertial` or `rgbd`.
         legacy: The layout before File.version 1.0.
         features: Keypoints per image.
-        rgb_depth_factor: Counts of a depth image per metre.
 
     Raises:
         ConfigError: On an unknown sensor, or where an inertial one has no IMU rate.
@@ -47,8 +46,7 @@ def settings(suite: SensorSuite, sensor: str, legacy: bool = False, features: in
     if sensor == 'stereo-inertial' and not suite.imu_rate_hz > 0.0:
         raise ConfigError('sensor: stereo-inertial needs an IMU, and there is no signal of one')
     lines = ['%YAML:1.0', '']
-    lines += _legacy(suite, sensor, rgb_depth_factor) if legacy else \
-        _version_1(suite, sensor, rgb_depth_factor)
+    lines += (_legacy if legacy else _version_1)(suite, sensor)
     lines += _imu(suite, 'Tbc' if legacy else 'IMU.T_b_c1') if sensor.endswith('inertial') else []
     lines += ['', f'ORBextractor.nFeatures: {features}', 'ORBextractor.scaleFactor: 1.2',
               'ORBextractor.nLevels: 8', 'ORBextractor.iniThFAST: 20',
@@ -61,7 +59,7 @@ def settings(suite: SensorSuite, sensor: str, legacy: bool = False, features: in
     return '\n'.join(lines) + '\n'
 
 
-def _version_1(suite: SensorSuite, sensor: str, depth_factor: float) -> list[str]:
+def _version_1(suite: SensorSuite, sensor: str) -> list[str]:
     lines = ['File.version: "1.0"', '', 'Camera.type: "PinHole"']
     lines += _intrinsics(suite, 'Camera1.')
     if sensor.startswith('stereo'):
@@ -73,26 +71,23 @@ def _version_1(suite: SensorSuite, sensor: str, depth_factor: float) -> list[str
         lines += _matrix('Stereo.T_c1_c2', suite.T_left_right)
     if sensor == 'rgbd':
         lines += [f'Stereo.b: {_real(suite.baseline_m)}',
-                  f'RGBD.DepthMapFactor: {_real(depth_factor)}']
+                  f'RGBD.DepthMapFactor: {_real(DEPTH_FACTOR)}']
     return lines
 
 
-def _legacy(suite: SensorSuite, sensor: str, depth_factor: float) -> list[str]:
+def _legacy(suite: SensorSuite, sensor: str) -> list[str]:
     lines = ['Camera.type: "PinHole"', *_intrinsics(suite, 'Camera.'), '', *_image(suite)]
     if sensor != 'mono':
         lines += ['', f'Camera.bf: {_real(suite.focal_px[0] * suite.baseline_m)}',
                   f'ThDepth: {_real(_THRESHOLD_BASELINES)}']
     if sensor == 'rgbd':
-        lines.append(f'DepthMapFactor: {_real(depth_factor)}')
+        lines.append(f'DepthMapFactor: {_real(DEPTH_FACTOR)}')
     if sensor.startswith('stereo'):
-        K = np.array([[suite.focal_px[0], 0.0, suite.centre_px[0]],
-                      [0.0, suite.focal_px[1], suite.centre_px[1]], [0.0, 0.0, 1.0]])
         for side, baseline_m in (('LEFT', 0.0), ('RIGHT', suite.baseline_m)):
-            P = np.hstack([K, [[-suite.focal_px[0] * baseline_m], [0.0], [0.0]]])
             lines += ['', f'{side}.height: {suite.height}', f'{side}.width: {suite.width}',
                       *_matrix(f'{side}.D', np.array([suite.distortion]), 'd'),
-                      *_matrix(f'{side}.K', K, 'd'), *_matrix(f'{side}.R', np.eye(3), 'd'),
-                      *_matrix(f'{side}.P', P, 'd')]
+                      *_matrix(f'{side}.K', suite.K, 'd'), *_matrix(f'{side}.R', np.eye(3), 'd'),
+                      *_matrix(f'{side}.P', suite.P(baseline_m), 'd')]
     return lines
 
 

@@ -51,6 +51,16 @@ class SensorSuite:
     gravity_mps2: float
 
     @property
+    def K(self) -> Array:
+        """(3, 3) camera matrix."""
+        (fx, fy), (cx, cy) = self.focal_px, self.centre_px
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    def P(self, baseline_m: float) -> Array:
+        """Return the (3, 4) projection of a camera that lies a baseline to the right [m]."""
+        return np.column_stack([self.K, (-self.focal_px[0] * baseline_m, 0.0, 0.0)])
+
+    @property
     def baseline_m(self) -> float:
         """Distance between the optical centres [m]."""
         return float(np.linalg.norm(self.T_imu_left[:3, 3] - self.T_imu_right[:3, 3]))

@@ -159,9 +159,7 @@ class TartanAirSequence(PosedSequence):
                 return None
         assert rover is not None
         (self.folder / 'flow').mkdir()
-        (fx, fy), (cx, cy) = self.suite.focal_px, self.suite.centre_px
-        K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-        return FlowFiles(self.folder / 'flow', K, self._mounts['left'], rover)
+        return FlowFiles(self.folder / 'flow', self.suite.K, self._mounts['left'], rover)
 
 
 def ned_pose(T_odom_camera: Array) -> tuple[Array, Array]:
