@@ -19,8 +19,7 @@ from lunar_rover_sim.cli.terminal import print_json, print_table, Progress, say
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.paths import check_file, check_png
 from lunar_rover_sim.illumination.dates import parse_date, shown
-from lunar_rover_sim.illumination.light_time import sky_over_time, SkyOverTime
-from lunar_rover_sim.illumination.sky_figure import write as write_figure
+from lunar_rover_sim.illumination.light_time import sky_over_time, SkyOverTime, write_figure
 from lunar_rover_sim.regolith.patch import changed_patch, save_patch
 from lunar_rover_sim.rendering.snapshot import four_views
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig

@@ -36,7 +36,7 @@ from lunar_rover_sim.files.arrays import map_array
 from lunar_rover_sim.files.images import read_pixels
 from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.run.recorded_run import RecordedRun
-from lunar_rover_sim.sequences.sensor_yaml import CALIBRATION_FILE
+from lunar_rover_sim.sequences.sensors import CALIBRATION_FILE
 from lunar_rover_sim.stereo.depth import disparity_from_depth
 
 _PICTURES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.pgm', '.bmp')

@@ -11,7 +11,7 @@ import numpy as np
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.image_comparison import ImageComparison, MeasureRow
 from lunar_rover_sim.evaluation.image_statistics import LOG_BINS, LOG_FLOOR, LOG_STEP
-from lunar_rover_sim.files.figures import save_figure
+from lunar_rover_sim.files.results import save_figure
 
 _COLOURS = {'A': 'tab:blue', 'B': 'tab:orange'}
 

@@ -21,8 +21,7 @@ from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.true_surface import TrueSurface
-from lunar_rover_sim.files.figures import save_figure
-from lunar_rover_sim.files.results import plain
+from lunar_rover_sim.files.results import plain, save_figure
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.navigation.traversability import LETHAL, Limits
 from lunar_rover_sim.run.recorded_run import RecordedRun

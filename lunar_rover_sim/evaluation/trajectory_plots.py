@@ -12,7 +12,7 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation import metrics
 from lunar_rover_sim.evaluation.trajectory_evaluation import Evaluation
-from lunar_rover_sim.files.figures import save_figure
+from lunar_rover_sim.files.results import save_figure
 from lunar_rover_sim.inspection.bag_pictures import draw_hillshade
 
 TOP_VIEW = 'top_view.png'

@@ -1,4 +1,4 @@
-"""Results as text: tables in Markdown and CSV, and JSON."""
+"""Results in files: tables in Markdown and CSV, JSON, and figures of Matplotlib."""
 
 from __future__ import annotations
 
@@ -7,7 +7,14 @@ import csv
 import io
 import json
 import math
-from typing import Any
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+from lunar_rover_sim.errors import LunarRoverSimError
+from lunar_rover_sim.files.atomic import atomic_write
+
+if TYPE_CHECKING:   # it takes time to import
+    from matplotlib.figure import Figure
 
 
 def markdown_table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
@@ -37,3 +44,17 @@ def plain(value: Any) -> Any:
 def json_text(value: Any) -> str:
     """Return plain values as JSON, None for the numbers that it lacks."""
     return json.dumps(plain(value), indent=2, ensure_ascii=False)
+
+
+def save_figure(figure: Figure, path: str | Path, error: type[LunarRoverSimError],
+                dpi: float = 110, kind: str = 'png') -> None:
+    """Write a figure, whole or not at all, and make its folder; kind: a format of Matplotlib.
+
+    Raises `error` if the file cannot be written.
+    """
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as reason:
+        raise error(f'{path}: cannot be written: {reason.strerror}') from None
+    atomic_write(path, lambda stream: figure.savefig(stream, dpi=dpi, format=kind), error)

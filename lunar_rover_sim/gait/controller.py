@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.gait.calibration import GaitCalibration, STAND, Stride
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.shaping import ShapingFunction
-from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.rover.description import Legs
 
 MAX_COMMAND = 10.0      # [m/s] or [rad/s], far beyond any walk: a mistake of units

@@ -21,7 +21,7 @@ from lunar_rover_sim.bag.series import hazard_topics
 from lunar_rover_sim.bag.totals import driven_distance_m
 from lunar_rover_sim.camera.encoding import eight_bits
 from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.files.figures import save_figure
+from lunar_rover_sim.files.results import save_figure
 from lunar_rover_sim.inspection.heading_pictures import heading_figure
 from lunar_rover_sim.inspection.map_pictures import map_figure
 from lunar_rover_sim.rendering import layer_pictures

@@ -28,8 +28,7 @@ from lunar_rover_sim.bag.totals import recorded_factor, simulated_end_ns
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
 from lunar_rover_sim.errors import BagError, ConfigError, WorldError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
-from lunar_rover_sim.illumination.sun_of_date import sun_of_date
-from lunar_rover_sim.illumination.sun_path import SunPath
+from lunar_rover_sim.illumination.sun_of_date import sun_of_date, SunPath
 from lunar_rover_sim.inspection.map_pictures import goal_of, map_picture, MapMessage, path_of
 from lunar_rover_sim.physics.foot_motion import FootObserver
 from lunar_rover_sim.physics.state import RoverState

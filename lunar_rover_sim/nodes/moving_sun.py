@@ -10,7 +10,7 @@ from rclpy.node import Node
 from lunar_rover_sim import topics
 from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.illumination.sun_path import SunPath
+from lunar_rover_sim.illumination.sun_of_date import SunPath
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.world_light import WorldLight

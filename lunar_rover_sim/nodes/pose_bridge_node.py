@@ -21,11 +21,10 @@ from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops
-from lunar_rover_sim.nodes.node_main import GraphNode
+from lunar_rover_sim.nodes.node_main import GraphNode, TimeJump
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.pose_stream import BridgedState, LossLog, PoseStream, PoseTarget
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
-from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.companion_config import PoseBridgeNodeConfig, SET_ENTITY_STATE, TELEPORT

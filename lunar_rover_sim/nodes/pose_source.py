@@ -22,8 +22,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.navigation.config import SLAM, TRUTH
 from lunar_rover_sim.navigation.poses import AnchoredPoses, LevelledWheels
 from lunar_rover_sim.nodes import conversions, qos
-from lunar_rover_sim.nodes.node_main import GraphNode
-from lunar_rover_sim.nodes.time_jump import TimeJump
+from lunar_rover_sim.nodes.node_main import GraphNode, TimeJump
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import imu_pose, optical_poses
 from lunar_rover_sim.run.shared_config import NodeConfig

@@ -14,7 +14,6 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Header, String
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.bag.marker import why_short
 from lunar_rover_sim.bag.recorded_scenario import scenario_of_text
 from lunar_rover_sim.bag.totals import is_at_wall_time, RecordingPace
@@ -23,10 +22,10 @@ from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
 from lunar_rover_sim.nodes.message_types import definition_of, message_class
+from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.parameters import declare
-from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.run.lockstep import WrittenStamps
-from lunar_rover_sim.run.node_config import RecorderNodeConfig
+from lunar_rover_sim.run.node_config import ALL, RecorderNodeConfig
 from lunar_rover_sim.run.publication import is_recorded
 from lunar_rover_sim.run.recorded_run import RecordedNodes
 from lunar_rover_sim.run.transforms import RunTransforms

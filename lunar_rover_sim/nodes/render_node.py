@@ -23,11 +23,11 @@ from lunar_rover_sim.nodes.camera_publisher import (CameraPublisher, EXPOSURE, L
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
 from lunar_rover_sim.nodes.ground_listener import GroundListener
 from lunar_rover_sim.nodes.moving_sun import MovingSun
+from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds
 from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.state_publisher import publish_frames
-from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rendering.frame import unknown_flows
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose

@@ -22,9 +22,9 @@ from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.frames import matrix_from_wxyz, se3
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, OK, SubjectStatus, WARN
+from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
-from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import SlamNodeConfig
 from lunar_rover_sim.sequences.sensors import described_sensors

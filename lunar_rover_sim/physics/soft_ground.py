@@ -22,9 +22,9 @@ from lunar_rover_sim.errors import PhysicsError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.physics.soil_contact import SoilRows
 from lunar_rover_sim.regolith import law
-from lunar_rover_sim.regolith.dragged_ball import DEEPEST, dig_table
 from lunar_rover_sim.regolith.looseness import BEARING_RATIO, FRICTION_RATIO, SoilMap
 from lunar_rover_sim.regolith.overlay import Overlay
+from lunar_rover_sim.regolith.resistive_force import DEEPEST, dig_table
 from lunar_rover_sim.regolith.soil import Soil
 from lunar_rover_sim.regolith.tracks import hull, press, WallSlides, Window
 from lunar_rover_sim.rover.description import RoverDescription

@@ -23,7 +23,7 @@ its bearing pressure (Prandtl 1921) times the cap's area. A slope bears (1 - tan
 1975), loose soil a part (`regolith/looseness.py`).
 
 Digging. A tip that slips a way w goes the way on which the soil bears its load, down or up:
-dz = w s(f / F(z), z / R), s from resistive force theory (`regolith/dragged_ball.py`).
+dz = w s(f / F(z), z / R), s from resistive force theory (`regolith/resistive_force.py`).
 
 Friction. Coulomb's, and what sunken tip and rod plough, over the normal force:
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 
 from lunar_rover_sim import frames, topics
-from lunar_rover_sim.bag.config import RecorderConfig
 from lunar_rover_sim.camera.cameras import CameraEntry, chase_camera, hazard_camera, stereo_pair
 from lunar_rover_sim.camera.chase import ChaseConfig
 from lunar_rover_sim.camera.config import CameraConfig, CompressionConfig, FurtherCameraConfig
@@ -26,6 +25,22 @@ from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.sensors.imu import ImuConfig
 from lunar_rover_sim.sensors.registry import SENSORS, SensorsConfig
 from lunar_rover_sim.stereo.config import SgmConfig
+
+ALL = 'all'
+
+
+@dataclasses.dataclass(frozen=True)
+class RecorderConfig(Parameters):
+    """Parameters of a recording."""
+
+    output: str = param('', 'folder of the bag; it must not exist')
+    topics: tuple[str, ...] = param((ALL,), 'topics to record; all: every topic but those on '
+                                    'request, which may be named beside it')
+    exclude: tuple[str, ...] = param((), 'topics that all leaves out, too')
+    storage: str = param('mcap', 'file format; bags of SQLite are read only', choices=('mcap',))
+    compression: str = param('zstd', 'compression of the storage, without loss',
+                             choices=('none', 'zstd'))
+
 
 FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'render_node'
                      and t.rate in (topics.FRAME, topics.DEPTH_FRAME)

@@ -9,8 +9,8 @@ from collections.abc import Collection
 import difflib
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.camera.hazard import sides
+from lunar_rover_sim.run.node_config import ALL
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.topics import Topic

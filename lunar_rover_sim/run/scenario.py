@@ -22,8 +22,7 @@ from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.files.paths import find_file, packaged_names, user_path
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml, yaml_of
 from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.illumination.sun_of_date import given_site, sun_of_date
-from lunar_rover_sim.illumination.sun_path import check_last_date
+from lunar_rover_sim.illumination.sun_of_date import check_last_date, given_site, sun_of_date
 from lunar_rover_sim.lidar.beam_pattern import beam_pattern
 from lunar_rover_sim.parameters import merge, nearest, nest, param, Parameters
 from lunar_rover_sim.rover.description import RoverDescription

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.illumination.sun_of_date import earth_of_date, sun_of_date
-from lunar_rover_sim.illumination.sun_path import SunPath
+from lunar_rover_sim.illumination.sun_of_date import earth_of_date, sun_of_date, SunPath
 from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState

@@ -26,15 +26,14 @@ from lunar_rover_sim.files.paths import counted
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.seconds import EPOCH_NS, NS_PER_S
 from lunar_rover_sim.sensors.registry import SENSORS
-from lunar_rover_sim.sequences.coco import CocoSequence
 from lunar_rover_sim.sequences.euroc import EurocSequence
 from lunar_rover_sim.sequences.kitti import KittiSequence
-from lunar_rover_sim.sequences.sensor_yaml import CALIBRATION_FILE, calibration_yaml
+from lunar_rover_sim.sequences.labelled import CocoSequence, YoloSequence
+from lunar_rover_sim.sequences.sensors import CALIBRATION_FILE, calibration_yaml
 from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
 from lunar_rover_sim.sequences.tartanair import TartanAirSequence
 from lunar_rover_sim.sequences.tum import TumSequence
 from lunar_rover_sim.sequences.webdataset import ShardOptions, WebDatasetSequence
-from lunar_rover_sim.sequences.yolo import YoloSequence
 
 _TYPES = {topic.name: topic.type for topic in topics.CONTRACT}
 _OF_DEPTH_FRAMES = {topic.name for topic in topics.CONTRACT if topic.rate == topics.DEPTH_FRAME}

@@ -37,7 +37,7 @@ from lunar_rover_sim.rover.description import Legs, RoverDescription
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.seconds import in_seconds
-from lunar_rover_sim.sequences.instances import check_pinhole
+from lunar_rover_sim.sequences.labelled import check_pinhole
 from lunar_rover_sim.sequences.sequence import numbers, PngWriter, PosedSequence
 
 SKY_M = 10_000.0

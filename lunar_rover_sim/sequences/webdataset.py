@@ -23,7 +23,7 @@ from lunar_rover_sim.files.images import png_bytes
 from lunar_rover_sim.files.paths import counted
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.sequences.further import RecordedCamera
-from lunar_rover_sim.sequences.instances import check_pinhole
+from lunar_rover_sim.sequences.labelled import check_pinhole
 from lunar_rover_sim.sequences.sensor_samples import (carried, CARRIED, KEPT_NS, LATE_NS,
                                                       SensorSamples)
 from lunar_rover_sim.sequences.sequence import PngWriter, PosedSequence

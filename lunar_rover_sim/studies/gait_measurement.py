@@ -10,11 +10,10 @@ import math
 import numpy as np
 
 from lunar_rover_sim.errors import StudyError
-from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.gait.calibration import GaitCalibration, Stride
 from lunar_rover_sim.gait.conditions import ground_conditions, rover_conditions
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
-from lunar_rover_sim.gait.stride import Stride
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import TIPPED_DEG

@@ -13,8 +13,7 @@ import numpy as np
 
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.evaluation.statistics import CONFIDENCE, Mean, signed_rank_p
-from lunar_rover_sim.files.figures import save_figure
-from lunar_rover_sim.files.results import markdown_table
+from lunar_rover_sim.files.results import markdown_table, save_figure
 from lunar_rover_sim.frames import Array
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
 from lunar_rover_sim.errors import StudyError
-from lunar_rover_sim.files.figures import save_figure
+from lunar_rover_sim.files.results import save_figure
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise, noise_parameters
 

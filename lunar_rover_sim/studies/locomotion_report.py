@@ -11,8 +11,7 @@ import numpy as np
 
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.figures import save_figure
-from lunar_rover_sim.files.results import markdown_table
+from lunar_rover_sim.files.results import markdown_table, save_figure
 from lunar_rover_sim.inspection.tracking import LOST_PX
 from lunar_rover_sim.studies.gait_measurement import CommandTracking
 from lunar_rover_sim.studies.locomotion import (analyse, claims, LocomotionCase, PitchCurve,

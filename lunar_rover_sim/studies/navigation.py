@@ -17,8 +17,7 @@ from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.evaluation.statistics import Comparison, either_alone_p, Mean, Share
 from lunar_rover_sim.evaluation.true_surface import TrueSurface
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.figures import save_figure
-from lunar_rover_sim.files.results import markdown_table
+from lunar_rover_sim.files.results import markdown_table, save_figure
 from lunar_rover_sim.navigation.config import NavigatorConfig, TRUTH
 from lunar_rover_sim.navigation.planner import Planner
 from lunar_rover_sim.navigation.traversability import Limits, traversability

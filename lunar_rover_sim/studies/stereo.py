@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import StudyError
-from lunar_rover_sim.files.figures import save_figure
+from lunar_rover_sim.files.results import save_figure
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.layer_pictures import depth_picture, gray8, signed_error_picture

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.figures import save_figure
-from lunar_rover_sim.files.results import csv_table, markdown_table
+from lunar_rover_sim.files.results import csv_table, markdown_table, save_figure
 from lunar_rover_sim.studies import sandbot
 from lunar_rover_sim.studies.terramechanics import GroundWalk, holding
 from lunar_rover_sim.studies.terramechanics_anchors import Anchor

@@ -10,8 +10,7 @@ import numpy as np
 
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.figures import save_figure
-from lunar_rover_sim.files.results import csv_table, markdown_table
+from lunar_rover_sim.files.results import csv_table, markdown_table, save_figure
 from lunar_rover_sim.frames import distance_along
 from lunar_rover_sim.studies.ground_comparison import (compare, comparison_text, plot_comparison,
                                                        Quantity)

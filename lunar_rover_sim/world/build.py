@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 import scipy.ndimage
 
 from lunar_rover_sim.arguments import check_argument
-from lunar_rover_sim.world import crater_population
 from lunar_rover_sim.world import levels as nest
 from lunar_rover_sim.world import relief, rockfield, shapes, stamping
 from lunar_rover_sim.world import tile as measured
 from lunar_rover_sim.world import world_folder
 from lunar_rover_sim.world.config import DEM, MESH, WorldConfig
-from lunar_rover_sim.world.craters import Craters
+from lunar_rover_sim.world.craters import Craters, keep_clear, populate, survivors
 from lunar_rover_sim.world.dem import open_dem
 from lunar_rover_sim.world.grid import ALBEDO_STEP, height_step_m, HeightGrid, on_lattice, round_to
 from lunar_rover_sim.world.levels import axis_m
@@ -195,11 +194,11 @@ class _Builder:
         last = k == len(self.plan) - 1
         low = _RESOLVED_CELLS * cell if k else _LEAST_CELLS * cell
         high = np.inf if last else _RESOLVED_CELLS * self.plan[k + 1][1]
-        made = crater_population.populate(config, half, low, high, k, self.rng(f'craters {k}'))
+        made = populate(config, half, low, high, k, self.rng(f'craters {k}'))
         if self.source is not None:
             made = measured.below_its_scale(made, self.source)
-        made = crater_population.keep_clear(made, config, self.config.clear_radius_m)
-        made = crater_population.survivors(made, Craters.join(self.drawn + [deferred]))
+        made = keep_clear(made, config, self.config.clear_radius_m)
+        made = survivors(made, Craters.join(self.drawn + [deferred]))
         made = Craters.join([deferred, made])
         if k == 0:
             return made, Craters.join([])

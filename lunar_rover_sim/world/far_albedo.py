@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.world import ejecta, stamping
+from lunar_rover_sim.world import stamping
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
 
@@ -40,7 +40,7 @@ def far_albedo(world: World, k: int) -> F32:
                 change += np.float32(config.variation * part) * _patches(world, wavelength, grid)
     if config.fresh_crater > 0.0:
         stamping.brighten(change, grid.cell_m, world.craters, config.fresh_crater)
-        ejecta.add_rays(change, grid.cell_m, world.craters, _RAY * config.fresh_crater)
+        stamping.add_rays(change, grid.cell_m, world.craters, _RAY * config.fresh_crater)
     axis = np.abs(np.arange(grid.n) - 0.5 * (grid.n - 1)) * grid.cell_m
     away = np.maximum(axis[:, None], axis) - world.ground.half_extent_m
     change *= np.clip(away / _FADE_M, 0.0, 1.0).astype(np.float32)

@@ -11,7 +11,7 @@ import zlib
 import numpy as np
 
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.world import ejecta, rockfield
+from lunar_rover_sim.world import rockfield, stamping
 from lunar_rover_sim.world.kept_arrays import kept
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.rocks import Rocks
@@ -84,7 +84,7 @@ def _density(world: World, reach_m: float) -> Array:
     """Return the running sum of the relative density of rocks over coarse cells."""
     config = world.config.rocks
     density = rockfield.relative_density(config, reach_m, _CELLS, world.craters)
-    ejecta.add_rays(density, 2.0 * reach_m / _CELLS, world.craters, config.near_craters)
+    stamping.add_rays(density, 2.0 * reach_m / _CELLS, world.craters, config.near_craters)
     return np.cumsum(density.ravel())
 
 

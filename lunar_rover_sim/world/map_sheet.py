@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import WorldError
-from lunar_rover_sim.files.figures import save_figure
-from lunar_rover_sim.world import crater_population, rockfield, shade
+from lunar_rover_sim.files.results import save_figure
+from lunar_rover_sim.world import rockfield, shade
+from lunar_rover_sim.world.craters import density_per_m2
 from lunar_rover_sim.world.model import World
 
 _MAX_PIXELS = 1025  # along a side of a map
@@ -136,7 +137,7 @@ def _crater_sizes(axis: Any, world: World) -> None:
         axis.loglog(diameter, np.arange(1, len(diameter) + 1) / area, '-',
                     label=f'within {2 * level.half_extent_m:.4g} m')
     ends = np.geomspace(config.min_diameter_m, config.max_diameter_m, 2)
-    axis.loglog(ends, [crater_population.density_per_m2(config, d) for d in ends], 'k--', lw=0.8,
+    axis.loglog(ends, [density_per_m2(config, d) for d in ends], 'k--', lw=0.8,
                 label=f'{config.density:g} of saturation')
     axis.legend()
     axis.grid(True, which='both', alpha=0.2)

@@ -10,11 +10,11 @@ import yaml
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import marker
-from lunar_rover_sim.bag.config import RecorderConfig
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.writer import BagWriter, COMPRESSIONS
 from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.run.node_config import RecorderConfig
 
 VARIANTS = [(storage, compression) for storage in synthetic.WRITERS
             for compression in COMPRESSIONS]

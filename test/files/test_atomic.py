@@ -13,8 +13,8 @@ from waiting import LIMIT_S
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.errors import BagError, WorldError
 from lunar_rover_sim.files.atomic import atomic_write, partial_folder
-from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.files.paths import lock
+from lunar_rover_sim.files.results import save_figure
 
 # Is killed in the middle of a write.
 KILLED = """

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.errors import ConfigError, GaitError
+from lunar_rover_sim.gait.calibration import Stride
 from lunar_rover_sim.gait.config import GaitConfig, GAITS
 from lunar_rover_sim.gait.controller import GaitController
-from lunar_rover_sim.gait.stride import Stride
 from lunar_rover_sim.rover.description import RoverDescription
 
 DT_NS = 5_000_000

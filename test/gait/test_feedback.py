@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from lunar_rover_sim.gait.calibration import Stride
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
-from lunar_rover_sim.gait.stride import Stride
 
 DT_NS = 5_000_000
 DT = DT_NS * 1e-9

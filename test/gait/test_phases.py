@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.gait.calibration import STAND, Stride
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import LegPhases
 from lunar_rover_sim.gait.shaping import ShapingFunction
-from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.rover.description import RoverDescription
 
 DT = 0.005

@@ -7,14 +7,13 @@ import pytest
 
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.frames import sun_direction
-from lunar_rover_sim.illumination import sky_figure
+from lunar_rover_sim.illumination import light_time
 from lunar_rover_sim.illumination.config import GIVEN, SunConfig, SunSiteConfig
 from lunar_rover_sim.illumination.dates import parse_date
 from lunar_rover_sim.illumination.ephemeris import sun_and_earth
 from lunar_rover_sim.illumination.light_time import sky_over_time, SkyOverTime
 from lunar_rover_sim.illumination.sky import lit_share, sky
-from lunar_rover_sim.illumination.sun_of_date import sun_of_date
-from lunar_rover_sim.illumination.sun_path import check_last_date, SunPath
+from lunar_rover_sim.illumination.sun_of_date import check_last_date, sun_of_date, SunPath
 from lunar_rover_sim.world.site import Site
 
 # NASA's Scientific Visualization Studio, Moon Phase and Libration 2020, 2021 and 2022 (svs 4768,
@@ -268,7 +267,7 @@ def curves(axes):
 
 def test_elevations_over_time_and_ways_over_the_horizon():
     sky = over()
-    figure = sky_figure.figure(sky, 'a site')
+    figure = light_time.figure(sky, 'a site')
     upper, lower = figure.axes
     assert figure.get_suptitle() == 'a site'
     lines = curves(upper)
@@ -290,20 +289,20 @@ def test_elevations_over_time_and_ways_over_the_horizon():
 def test_the_ground_is_filled_up_to_the_horizon(horizon_deg):
     """From a degree below its lowest point."""
     sky = over(horizon_deg)
-    (area,) = sky_figure.figure(sky, '').axes[1].collections
+    (area,) = light_time.figure(sky, '').axes[1].collections
     x, y = area.get_paths()[0].vertices.T
     assert (x.min(), x.max()) == (0.0, 360.0)
     assert y.min() == pytest.approx(-abs(horizon_deg) - 1.0)
     assert y.max() == pytest.approx(abs(horizon_deg), abs=1e-3)
     level = SkyOverTime(sky.dates_utc, sky.sky, sky.mask_azimuth_deg, 0.0 * sky.mask_deg + 4.0,
                         sky.horizon_deg, sky.lit)
-    (area,) = sky_figure.figure(level, '').axes[1].collections
+    (area,) = light_time.figure(level, '').axes[1].collections
     assert area.get_paths()[0].vertices[:, 1].min() == -1.0
 
 
 def test_light_is_shaded_over_the_whole_height_while_there_is_any():
     sky = over()
-    upper = sky_figure.figure(sky, '').axes[0]
+    upper = light_time.figure(sky, '').axes[0]
     (area,) = upper.collections
     low, high = upper.get_ylim()
     lines = np.concatenate([line.get_ydata() for line in upper.lines])
@@ -315,8 +314,8 @@ def test_light_is_shaded_over_the_whole_height_while_there_is_any():
 
 
 def test_it_is_written_or_the_reason_is_named(tmp_path):
-    sky_figure.write(over(), tmp_path / 'sky.png', 'a site')
+    light_time.write_figure(over(), tmp_path / 'sky.png', 'a site')
     assert (tmp_path / 'sky.png').read_bytes().startswith(b'\x89PNG')
     (tmp_path / 'file').write_text('in the way')
     with pytest.raises(WorldError, match='cannot be written'):
-        sky_figure.write(over(), tmp_path / 'file' / 'sky.png', 'a site')
+        light_time.write_figure(over(), tmp_path / 'file' / 'sky.png', 'a site')

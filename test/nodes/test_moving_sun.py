@@ -16,7 +16,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import pose_matrix
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.frames import sun_direction
-from lunar_rover_sim.illumination.sun_path import SunPath
+from lunar_rover_sim.illumination.sun_of_date import SunPath
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.regolith.config import GroundConfig
 from lunar_rover_sim.rover.pose import RoverPose

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.physics.soft_ground import soil_record
 from lunar_rover_sim.regolith import law
-from lunar_rover_sim.regolith.dragged_ball import DEEPEST, dig_table, swept_bearing
 from lunar_rover_sim.regolith.overlay import Overlay
-from lunar_rover_sim.regolith.resistive_force import GENERIC, POPPY_CLOSE
+from lunar_rover_sim.regolith.resistive_force import (DEEPEST, dig_table, GENERIC, POPPY_CLOSE,
+                                                      swept_bearing)
 from lunar_rover_sim.regolith.soil import PRESETS
 
 R, ZETA, STEP_S = ROVER.legs.tip_radius_m, 1.0e6, 0.001

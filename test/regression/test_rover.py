@@ -9,11 +9,10 @@ from physics_scene import trot
 from regression.conftest import DOUBLE
 from regression.scenes import hills, stones
 
-from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.gait.calibration import GaitCalibration, STAND, Stride
 from lunar_rover_sim.gait.config import GaitConfig, GAITS
 from lunar_rover_sim.gait.controller import GaitController, LegPhases
 from lunar_rover_sim.gait.shaping import ShapingFunction
-from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rover.description import ImuMount, Legs, RoverDescription

@@ -14,7 +14,7 @@ from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.rendering.instances import Instance
 from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK
 from lunar_rover_sim.sequences.export import export
-from lunar_rover_sim.sequences.instances import outline, run_lengths
+from lunar_rover_sim.sequences.labelled import outline, run_lengths
 
 H, W = synthetic_bag.HEIGHT, synthetic_bag.WIDTH
 INFO = {'rocks': {'first_id': LABEL_FIRST_ROCK, 'diameter_m': [0.3] * 20},

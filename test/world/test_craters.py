@@ -7,10 +7,10 @@ import pytest
 from scipy import integrate, special, stats
 from scipy.ndimage import map_coordinates
 
-from lunar_rover_sim.world import crater_population, stamping
+from lunar_rover_sim.world import stamping
 from lunar_rover_sim.world.config import CraterConfig
 from lunar_rover_sim.world.crater_profile import fresh_profile, profile_table, RADII, REACH
-from lunar_rover_sim.world.craters import Craters
+from lunar_rover_sim.world.craters import Craters, keep_clear, populate, survivors
 from lunar_rover_sim.world.grid import window_of
 
 ROUND = CraterConfig(irregularity=0.0)
@@ -26,8 +26,7 @@ def craters(position, diameter, age):
 def many(seed=0, **values):
     """Return thousands of craters of 1 m to 4 m."""
     config = CraterConfig(**{'density': 0.3, **values})
-    return config, crater_population.populate(config, 100.0, 1.0, 4.0, 2,
-                                              np.random.default_rng(seed))
+    return config, populate(config, 100.0, 1.0, 4.0, 2, np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize('exponent', [0.5, 1.0, 3.0])
@@ -68,9 +67,9 @@ def test_places_sizes_and_ages_are_independent():
 def test_a_band_outside_the_configured_sizes_is_empty():
     config = CraterConfig(min_diameter_m=2.0, max_diameter_m=3.0)
     rng = np.random.default_rng(0)
-    assert len(crater_population.populate(config, 100.0, 0.1, 2.0, 0, rng)) == 0
-    assert len(crater_population.populate(config, 100.0, 3.0, 9.0, 0, rng)) == 0
-    both = crater_population.populate(config, 300.0, 0.1, 9.0, 0, rng)
+    assert len(populate(config, 100.0, 0.1, 2.0, 0, rng)) == 0
+    assert len(populate(config, 100.0, 3.0, 9.0, 0, rng)) == 0
+    both = populate(config, 300.0, 0.1, 9.0, 0, rng)
     assert len(both) > 100 and both.diameter_m.min() >= 2.0 and both.diameter_m.max() <= 3.0
 
 
@@ -84,10 +83,10 @@ def test_near_the_start_only_gentle_craters_stay():
     """Fresh ones have walls of 39 deg, the oldest of 3 deg or so."""
     found = craters([[0.0, 5.9], [0.0, 6.1], [0.0, 0.0], [3.0, 3.0]], [5.0, 5.0, 5.0, 5.0],
                     [0.0, 0.0, 1.0, 0.0])
-    kept = crater_population.keep_clear(found, ROUND, radius_m=2.0, steepest_deg=8.0)
+    kept = keep_clear(found, ROUND, radius_m=2.0, steepest_deg=8.0)
     # 0.8 diameters and the radius: 6 m.
     np.testing.assert_array_equal(kept.position_m, [[0.0, 6.1], [0.0, 0.0]])
-    strict = crater_population.keep_clear(found, ROUND, radius_m=2.0, steepest_deg=1.0)
+    strict = keep_clear(found, ROUND, radius_m=2.0, steepest_deg=1.0)
     np.testing.assert_array_equal(strict.position_m, [[0.0, 6.1]])
 
 
@@ -96,11 +95,11 @@ def test_a_crater_is_erased_by_a_younger_one_within_its_rim():
     fine = craters([[5.4, 0.0], [5.6, 0.0], [0.0, 0.0], [0.0, 5.0]], [2.0, 2.0, 2.0, 2.0],
                    [1.0, 1.0, 0.1, 0.5])
     young = craters([[0.0, 0.0]], [10.0], [0.015])       # time 1.5; fine: 4, 4, 0.4, 2
-    kept = crater_population.survivors(fine, young)
+    kept = survivors(fine, young)
     np.testing.assert_array_equal(kept.position_m, [[5.6, 0.0], [0.0, 0.0]])
     old = craters([[0.0, 0.0]], [10.0], [0.5])
-    assert len(crater_population.survivors(fine, old)) == 4
-    assert len(crater_population.survivors(fine, Craters.join([]))) == 4
+    assert len(survivors(fine, old)) == 4
+    assert len(survivors(fine, Craters.join([]))) == 4
 
 
 def test_the_fresh_profile_is_a_parabola_with_ejecta_of_the_third_power():

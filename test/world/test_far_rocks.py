@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import worlds
 
-from lunar_rover_sim.world import ejecta
+from lunar_rover_sim.world import stamping
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.far_albedo import far_albedo, RECIPE
 from lunar_rover_sim.world.far_rocks import far_rocks, least_diameter_m
@@ -151,7 +151,7 @@ def test_rays_are_narrow_and_reach_beyond_the_rim():
     crater = Craters(np.array([[3.0, -2.0]]), np.array([20.0]), np.array([0.0]),
                      np.zeros(1, np.int32))
     field = np.zeros((401, 401))
-    ejecta.add_rays(field, 0.5, crater, 1.0)
+    stamping.add_rays(field, 0.5, crater, 1.0)
     angle = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
     column = (3.0 + 25.0 * np.cos(angle)) / 0.5 + 200
     row = (-2.0 + 25.0 * np.sin(angle)) / 0.5 + 200
@@ -159,7 +159,7 @@ def test_rays_are_narrow_and_reach_beyond_the_rim():
     assert ring.max() > 0.15 and np.median(ring) < 0.1 * ring.max()
     old = dataclasses.replace(crater, age=np.array([0.5]))
     before = field.copy()
-    ejecta.add_rays(field, 0.5, old, 1.0)
+    stamping.add_rays(field, 0.5, old, 1.0)
     assert np.array_equal(field, before)
 
 
@@ -171,7 +171,7 @@ def one_crater(diameter_m=20.0, age=0.0, x_m=3.0, y_m=-2.0):
 def rays_of(crater, cell_m=0.5, amount=1.0):
     """Return the rays on 401 x 401 samples, and the distance of each from the crater in radii."""
     field = np.zeros((401, 401))
-    ejecta.add_rays(field, cell_m, crater, amount)
+    stamping.add_rays(field, cell_m, crater, amount)
     axis = (np.arange(401) - 200) * cell_m
     x, y = crater.position_m[0]
     return field, np.hypot(axis - x, axis[:, None] - y) / (0.5 * crater.diameter_m[0])

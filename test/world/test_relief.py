@@ -7,7 +7,7 @@ import pytest
 import worlds
 
 from lunar_rover_sim.errors import WorldError
-from lunar_rover_sim.world import crater_population, crater_profile, stamping
+from lunar_rover_sim.world import crater_profile, craters, stamping
 from lunar_rover_sim.world.config import CraterConfig, ReliefConfig, WorldConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.relief import spectrum, structure_function
@@ -110,8 +110,8 @@ def test_crater_sizes_read_back():
         half = level.half_extent_m
         inside = np.abs(world.craters.position_m).max(axis=1) <= half
         diameter = world.craters.diameter_m[inside & (world.craters.diameter_m >= low)]
-        expected = ((crater_population.density_per_m2(config, low)
-                     - crater_population.density_per_m2(config, config.max_diameter_m))
+        expected = ((craters.density_per_m2(config, low)
+                     - craters.density_per_m2(config, config.max_diameter_m))
                     * (2 * half) ** 2)
         # Poisson; the start keeps a few away, and younger craters erase a few older ones.
         assert abs(len(diameter) - expected) < 4.0 * np.sqrt(expected) + 0.03 * expected
@@ -207,17 +207,17 @@ def test_small_old_craters_do_not_survive_within_young_large_ones():
     coarser = Craters(np.zeros((1, 2)), np.array([10.0]), np.array([0.001]), np.zeros(1, np.int32))
     fine = Craters(np.array([[1.0, 0.0], [1.0, 1.0], [30.0, 0.0]]), np.full(3, 2.0),
                    np.array([0.9, 0.01, 0.9]), np.zeros(3, np.int32))
-    kept = crater_population.survivors(fine, coarser)
+    kept = craters.survivors(fine, coarser)
     assert kept.age.tolist() == [0.01, 0.9] and kept.position_m[1, 0] == 30.0
 
 
 def test_too_many_craters_are_refused():
     config = CraterConfig(slope=4.0)
     with pytest.raises(WorldError, match=r'raise world.craters.min_'):
-        crater_population.populate(config, 25.6, 0.15, 1.6, 0, np.random.default_rng(0))
+        craters.populate(config, 25.6, 0.15, 1.6, 0, np.random.default_rng(0))
 
 
 def test_crater_density_zero_means_none():
     config = WorldConfig.from_mapping(FREE).craters
     rng = np.random.default_rng(0)
-    assert len(crater_population.populate(config, 100.0, 0.1, 10.0, 0, rng)) == 0
+    assert len(craters.populate(config, 100.0, 0.1, 10.0, 0, rng)) == 0

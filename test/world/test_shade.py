@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import worlds
 
-from lunar_rover_sim.world import crater_population, map_sheet, rockfield, shade
+from lunar_rover_sim.world import map_sheet, rockfield, shade
 from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.craters import density_per_m2
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.rocks import Rocks
@@ -127,7 +128,7 @@ def test_the_sheet_shows_numbers_above_diameters(sheet):
         assert curve[0, 1] == pytest.approx(1.0 / area)
         assert curve[-1, 1] == pytest.approx(np.count_nonzero(shown) / area)
     law = next(line for label, line in craters.items() if label != 'within')
-    expected = [crater_population.density_per_m2(world.config.craters, d) for d in law[:, 0]]
+    expected = [density_per_m2(world.config.craters, d) for d in law[:, 0]]
     np.testing.assert_allclose(law[:, 1], expected)
     sun = curves(figure, 'horizon')['sun']
     np.testing.assert_allclose(sun, [[-110.0, 12.0]])
