@@ -6,6 +6,7 @@ from typing import Any
 
 from rosbags.interfaces import (Qos, QosDurability, QosHistory, QosLiveliness, QosReliability,
                                 QosTime)
+from rosbags.rosbag2.metadata import parse_qos
 import yaml
 
 from lunar_rover_sim.errors import BagError, one_line
@@ -53,19 +54,6 @@ def as_recorded(profile: Any, topic: str) -> Qos:
                bool(profile.avoid_ros_namespace_conventions))
 
 
-def qos_values(profile: Qos) -> dict[str, Any]:
-    """Return a profile as metadata.yaml of version 9 has it."""
-    return {'history': profile.history.name.lower(), 'depth': profile.depth,
-            'reliability': profile.reliability.name.lower(),
-            'durability': profile.durability.name.lower(),
-            **{name: {'sec': time.sec, 'nsec': time.nsec} for name, time in (
-                ('deadline', profile.deadline), ('lifespan', profile.lifespan))},
-            'liveliness': profile.liveliness.name.lower(),
-            'liveliness_lease_duration': {'sec': profile.liveliness_lease_duration.sec,
-                                          'nsec': profile.liveliness_lease_duration.nsec},
-            'avoid_ros_namespace_conventions': profile.avoid_ros_namespace_conventions}
-
-
 def qos_of_text(text: str) -> list[Qos]:
     """Return the profiles in the YAML text that a storage file holds for a topic.
 
@@ -76,14 +64,7 @@ def qos_of_text(text: str) -> list[Qos]:
         BagError: Where they cannot be read.
     """
     try:
-        return [Qos(_member(QosHistory, p['history'], QosHistory.UNKNOWN), int(p['depth']),
-                    _member(QosReliability, p['reliability'], QosReliability.UNKNOWN),
-                    _member(QosDurability, p['durability'], QosDurability.UNKNOWN),
-                    QosTime(**p['deadline']), QosTime(**p['lifespan']),
-                    _member(QosLiveliness, p['liveliness'], QosLiveliness.UNKNOWN),
-                    QosTime(**p['liveliness_lease_duration']),
-                    bool(p['avoid_ros_namespace_conventions']))
-                for p in yaml.safe_load(text) or []]
+        return parse_qos(yaml.safe_load(text) or [])
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, OverflowError,
             RecursionError) as error:
         raise BagError('offered QoS profiles cannot be read: '
@@ -91,10 +72,10 @@ def qos_of_text(text: str) -> list[Qos]:
 
 
 def _member(kind: Any, value: Any, otherwise: Any) -> Any:
-    """Return the member of an enumeration by its number or its name in any case."""
+    """Return the member of an enumeration by its number."""
     try:
-        return kind[value.upper()] if isinstance(value, str) else kind(int(value))
-    except (KeyError, ValueError):
+        return kind(int(value))
+    except ValueError:
         return otherwise
 
 

@@ -12,6 +12,7 @@ MCAP is written by `mcap.writer`, with checksums of chunks, data and summary
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 import os
 from pathlib import Path
@@ -21,11 +22,12 @@ from typing import Any, BinaryIO
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.interfaces import Qos
+from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
 from rosbags.typesys.store import Typestore
 
 from lunar_rover_sim.bag import marker
-from lunar_rover_sim.bag.qos import as_recorded, contract_qos, qos_values
+from lunar_rover_sim.bag.qos import as_recorded, contract_qos
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.bag.totals import REAL_TIME_FACTOR
 from lunar_rover_sim.errors import BagError, one_line
@@ -73,7 +75,7 @@ class BagWriter:
         self._types: dict[str, str] = {}
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}      # by type
-        self._profiles: dict[str, list[dict[str, Any]]] = {}
+        self._profiles: dict[str, Sequence[Mapping[str, object]]] = {}
         self._oldest_ns, self._newest_ns = _NEVER_NS, 0
         self._unsynced_bytes = self._synced_to = 0
         self._failure = ''
@@ -122,7 +124,7 @@ class BagWriter:
         if msgtype not in self._typestore.fielddefs:
             self._learn(topic, msgtype, definition)
         profile: Qos = contract_qos(topic) if qos is None else as_recorded(qos, topic)
-        profiles = [qos_values(profile)]
+        profiles = dump_qos_v9([profile])
         writer = self._open_writer()
         try:
             if msgtype not in self._schemas:

@@ -20,15 +20,14 @@ _STEP_S = 0.2       # topics that were refused are offered again so often
 
 
 def replay(path: Path, port: int, speed: float = 1.0, world: Path | None = None,
-           repeat: bool = True, on_time: Callable[[float], None] = lambda now_s: None) -> None:
-    """Serve a bag until its end, or over and over; it begins when a client watches.
+           on_time: Callable[[float], None] = lambda now_s: None) -> None:
+    """Serve a bag over and over; it begins when a client watches.
 
     Args:
         path: Folder of the bag.
         port: Of the page and the websocket.
         speed: Simulated seconds per second.
         world: Folder of its world, where that is not beside the bag or in the cache.
-        repeat: Whether to begin anew at the end.
         on_time: Called with the simulated time [s] as it goes on.
 
     Raises:
@@ -46,8 +45,6 @@ def replay(path: Path, port: int, speed: float = 1.0, world: Path | None = None,
                 view.offer(topic, msgtype)
             while True:
                 _once(bag, view, speed, end_ns, on_time)
-                if not repeat:
-                    return
 
 
 def _once(bag: Bag, view: LiveView, speed: float, end_ns: int,

@@ -8,7 +8,6 @@ import numpy as np
 
 from lunar_rover_sim.errors import GaitError, LearningError
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.controller import LegCommand, MAX_COMMAND
 from lunar_rover_sim.learning.gait_task import GaitDriver, GaitTaskConfig
 from lunar_rover_sim.learning.policy_file import Policy, RUNNABLE
@@ -32,19 +31,17 @@ class PolicyController:
         observed: What the policy saw at its last decision; None before the first.
     """
 
-    def __init__(self, policy: Policy, rover: RoverDescription,
-                 calibration: GaitCalibration | None = None) -> None:
+    def __init__(self, policy: Policy, rover: RoverDescription) -> None:
         """Stand, until the first command.
 
         Args:
             policy: For this rover.
-            calibration: Of its gait; by default that of the ground that the policy was trained on.
 
         Raises:
             LearningError: The policy is for another rover, task, rate or observation.
         """
         self.policy = policy
-        self.driver = driver_of(policy.config(), rover, calibration)
+        self.driver = driver_of(policy.config(), rover)
         policy.check(self.driver, rover.name, rover.legs.names)
         self._legs = len(rover.legs.each)
         self._command_ns: float = -np.inf
@@ -120,16 +117,15 @@ class PolicyController:
                                     'numbers')
 
 
-def driver_of(config: TaskConfig, rover: RoverDescription,
-              calibration: GaitCalibration | None = None) -> Driver:
+def driver_of(config: TaskConfig, rover: RoverDescription) -> Driver:
     """Return the driver of a task on a rover.
 
     Raises:
         LearningError: The task needs more than the rover senses.
     """
     if isinstance(config, WalkConfig):
-        return WalkDriver(config, rover, calibration)
+        return WalkDriver(config, rover)
     if isinstance(config, GaitTaskConfig):
-        return GaitDriver(config, rover, calibration)
+        return GaitDriver(config, rover)
     raise LearningError(f'a policy for this task cannot be a leg controller; valid are policies '
                         f'for {", ".join(RUNNABLE)}')

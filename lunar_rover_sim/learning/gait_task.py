@@ -61,15 +61,13 @@ class GaitDriver(Driver):
 
     follow_ns = 1_000_000_000 // STATE_HZ
 
-    def __init__(self, config: GaitTaskConfig, rover: RoverDescription,
-                 calibration: GaitCalibration | None = None) -> None:
-        """Walk with the gait of a rover on the ground of a task, or with another calibration."""
+    def __init__(self, config: GaitTaskConfig, rover: RoverDescription) -> None:
+        """Walk with the gait of a rover on the ground of a task."""
         legs = rover.legs
         gait = GaitConfig().for_rover(rover)
         self._packaged = dataclasses.replace(gait, gait=CUSTOM, phase_offsets=gait.offsets(legs))
         self._gait = GaitController(
-            self._packaged, calibration or GaitCalibration.of(gait, config.ground, rover.name),
-            legs)
+            self._packaged, GaitCalibration.of(gait, config.ground, rover.name), legs)
         self._upright = Upright(rover)
         self._motor = rover.motor
         self._command = (0.0, 0.0)

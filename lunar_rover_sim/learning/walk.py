@@ -73,9 +73,8 @@ class WalkDriver(Driver):
 
     decision_ns, follow_ns = DECISION_NS, 1_000_000_000 // STATE_HZ
 
-    def __init__(self, config: WalkConfig, rover: RoverDescription,
-                 calibration: GaitCalibration | None = None) -> None:
-        """Walk with the gait of a rover on the ground of a task, or with another calibration."""
+    def __init__(self, config: WalkConfig, rover: RoverDescription) -> None:
+        """Walk with the gait of a rover on the ground of a task."""
         legs = rover.legs
         gait = config.gait.for_rover(rover)
         self._speed_factor = config.speed_factor
@@ -84,7 +83,7 @@ class WalkDriver(Driver):
         self._share = (-math.expm1(-1e-9 * self.decision_ns / config.smoothing_s)
                        if config.smoothing_s > 0.0 else 1.0)
         self._gait = GaitController(
-            gait, calibration or GaitCalibration.of(gait, config.ground, rover.name), legs)
+            gait, GaitCalibration.of(gait, config.ground, rover.name), legs)
         self._spokes = legs.spokes
         self._upright = Upright(rover)
         self._command = (0.0, 0.0)

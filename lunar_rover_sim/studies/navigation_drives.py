@@ -152,7 +152,7 @@ def true_costs(scenario: Scenario, world: World, goal_m: tuple[float, float]) ->
 
 
 def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driver: str,
-             pose: str = TRUTH, limit_s: float = 400.0, seed: int | None = None,
+             pose: str = TRUTH, limit_s: float = 400.0,
              watch: Callable[[RoverState, Traversability | None, Navigator | None], object]
              | None = None) -> GoalDrive:
     """Drive once, from the start of the scenario to a goal [m].
@@ -161,10 +161,9 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
         driver: seen, known or blind: a straight route that avoids nothing.
         pose: As `navigation_poses.poses_of`.
         limit_s: Simulated time after which the drive ends.
-        seed: Of the noise; None: that of the scenario.
         watch: Called with state, map and navigator of each command.
     """
-    noise_seed = scenario.shared.seed if seed is None else seed
+    noise_seed = scenario.shared.seed
     limits = Limits.of(scenario.rover, scenario.mapping_node.limits)
     nav = dataclasses.replace(scenario.navigator_node, has_goal=True, goal_x_m=goal_m[0],
                               goal_y_m=goal_m[1], waypoints_x_m=(), waypoints_y_m=())
