@@ -7,7 +7,7 @@ import synthetic_bag
 from synthetic_bag import cloud, header, item, msg, odometry, quaternion, text
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.evaluation.true_surface import TrueSurface
+from lunar_rover_sim.evaluation.map_evaluation import TrueSurface
 from lunar_rover_sim.frames import ODOM_FRAME
 from lunar_rover_sim.navigation.config import TraversabilityConfig
 from lunar_rover_sim.navigation.traversability import LETHAL, Limits

@@ -10,7 +10,7 @@ from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
 from lunar_rover_sim.files.paths import make_new_folder
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import terramechanics_anchors, terramechanics_report
-from lunar_rover_sim.studies.parallel import map_in_processes
+from lunar_rover_sim.studies.study_folder import map_in_processes
 from lunar_rover_sim.studies.terramechanics import (Ground, GROUNDS, measure, PULLS, SKIP_S,
                                                     SLOPES_DEG, WalkSettings)
 

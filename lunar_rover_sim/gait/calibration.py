@@ -1,6 +1,7 @@
 """Strides, and the measured, invertible map from a commanded velocity to its stride.
 
-A stride is the settings of the gait.
+A stride is the settings of the gait. The conditions of a measurement are the rover and the ground
+on which a map holds.
 """
 
 from __future__ import annotations
@@ -21,12 +22,74 @@ from lunar_rover_sim.files.yaml_text import read_yaml, yaml_of
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.parameters import nearest
+from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.regolith.config import RIGID
-from lunar_rover_sim.rover.description import DEFAULT_ROVER
+from lunar_rover_sim.rover.description import DEFAULT_ROVER, RoverDescription
 
+Conditions = dict[str, float | str]
+_TOLERANCE = 0.01   # relative; speeds are hardly less exact within it
 MAX_DUTY_OFFSET = 0.2
 _OFFSET_ALONE = 0.4   # up to this turn, the duty offset alone turns the rover
 _OFFSET_HELD = 0.6    # it is held up to this share of the rest, past the reversal of the sweep
+_KIND = 'gait_calibration'
+_MOST_BYTES = 1 << 20
+DEAD_SPEED_MPS = 2e-4   # a slower command (forward, or at the feet by yaw) means to stand
+# Estimates for the default rover (0.3 m x 0.21 m between the feet, 8 cm spokes): advance per
+# cycle, and half of the effective track width in a turn, in which the feet slip.
+_ADVANCE_M, _HALF_TRACK_M = 0.14, 0.25
+# Bounds of a table: beyond any legged robot.
+_MAX_PHASE_RATE_HZ, _MAX_SPEED_MPS, _MAX_YAW_RATE_RADPS = 50.0, 10.0, 50.0
+# Feet slip, and a rover that hops while it turns on the spot drifts: entries may be negative by
+# this share of the largest.
+_MAX_BACKWARD = 0.3
+_HEADER = """\
+# Map from velocity to gait, measured on flat ground: rows are phase rates, columns are turns
+# (0 straight on, 1 on the spot). Written by `lunar_rover_sim calibrate gait`.
+"""
+
+
+def rover_conditions(rover: RoverDescription) -> Conditions:
+    """Return what a gait table depends on of the rover: mass [kg], spokes, places of axles [m].
+
+    `axle_x_m` and `axle_y_m` are those of the outermost legs.
+    """
+    legs = rover.legs
+    return {'rover_mass_kg': round(rover.total_mass_kg, 6), 'spokes': legs.spokes,
+            'spoke_length_m': legs.spoke_length_m, 'legs': len(legs.each),
+            'axle_x_m': max(abs(x) for x, _, _ in legs.axle_positions_m()),
+            'axle_y_m': max(abs(y) for _, y, _ in legs.axle_positions_m())}
+
+
+def ground_conditions(physics: PhysicsConfig) -> Conditions:
+    """Return what a gait table depends on of the ground: gravity, and its contact or its soil."""
+    ground = physics.ground
+    gravity: Conditions = {'gravity_mps2': physics.gravity_mps2, 'ground': ground.name}
+    if not ground.deforms:
+        return {**gravity, 'sliding_friction': physics.contact.sliding_friction,
+                'stiffness_npm': physics.contact.stiffness_npm}
+    soil = ground.soil(physics.gravity_mps2)
+    return {**gravity, 'bearing_mnpm3': round(1e-6 * soil.zeta_npm3, 9),
+            'soil_friction': soil.friction}
+
+
+def differences(measured: Mapping[str, Any], here: Conditions) -> list[str]:
+    """Return how the conditions of a measurement differ from the present ones, a line each.
+
+    A line names the quantity with both values. What a table does not name is not compared: an
+    analytic table names nothing. A table of before soft ground names gravity and no ground, which
+    was rigid.
+    """
+    if 'gravity_mps2' in measured:
+        measured = {'ground': RIGID, **measured}
+    result = []
+    for name, value in here.items():
+        then = measured.get(name)
+        if isinstance(value, str):
+            if then is not None and then != value:
+                result.append(f'{name} {then}, here {value}')
+        elif isinstance(then, (int, float)) and not math.isclose(then, value, rel_tol=_TOLERANCE):
+            result.append(f'{name} {then:g}, here {value:g}')
+    return result
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,23 +143,6 @@ class Stride:
 STAND = Stride()
 
 
-_KIND = 'gait_calibration'
-_MOST_BYTES = 1 << 20
-DEAD_SPEED_MPS = 2e-4   # a slower command (forward, or at the feet by yaw) means to stand
-# Estimates for the default rover (0.3 m x 0.21 m between the feet, 8 cm spokes): advance per
-# cycle, and half of the effective track width in a turn, in which the feet slip.
-_ADVANCE_M, _HALF_TRACK_M = 0.14, 0.25
-# Bounds of a table: beyond any legged robot.
-_MAX_PHASE_RATE_HZ, _MAX_SPEED_MPS, _MAX_YAW_RATE_RADPS = 50.0, 10.0, 50.0
-# Feet slip, and a rover that hops while it turns on the spot drifts: entries may be negative by
-# this share of the largest.
-_MAX_BACKWARD = 0.3
-_HEADER = """\
-# Map from velocity to gait, measured on flat ground: rows are phase rates, columns are turns
-# (0 straight on, 1 on the spot). Written by `lunar_rover_sim calibrate gait`.
-"""
-
-
 def is_packaged(name: str) -> bool:
     """Return whether a calibration is named that comes with the package; else it is a file."""
     return name in packaged_names(_KIND)
@@ -130,7 +176,7 @@ class GaitCalibration:
         forward_mps, yaw_rate_radps: (n, m) measured mean velocities, turning left.
         duty_factor, foot_width_deg: Of the measured gait; another gait is scaled by the ratio of
             its advance per cycle, 2 l sin(width / 2) / duty.
-        conditions: The other conditions of the measurement, see `gait.conditions`.
+        conditions: The other conditions of the measurement.
 
     Raises:
         ConfigError: If the table cannot be inverted.

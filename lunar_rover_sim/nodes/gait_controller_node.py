@@ -7,8 +7,7 @@ from typing import Any
 from sensor_msgs.msg import JointState
 
 from lunar_rover_sim.bag.messages import time_ns
-from lunar_rover_sim.gait.calibration import GaitCalibration
-from lunar_rover_sim.gait.conditions import differences, rover_conditions
+from lunar_rover_sim.gait.calibration import differences, GaitCalibration, rover_conditions
 from lunar_rover_sim.gait.controller import GaitController, LegCommand
 from lunar_rover_sim.nodes import conversions
 from lunar_rover_sim.nodes.leg_controller import LegControllerNode

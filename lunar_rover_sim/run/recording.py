@@ -15,8 +15,7 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.totals import simulated_end_ns
 from lunar_rover_sim.errors import ConfigError, did_you_mean, GraphError
 from lunar_rover_sim.files.paths import check_new_folder
-from lunar_rover_sim.gait.calibration import GaitCalibration
-from lunar_rover_sim.gait.conditions import differences, ground_conditions
+from lunar_rover_sim.gait.calibration import differences, GaitCalibration, ground_conditions
 from lunar_rover_sim.run.lockstep import machine_slowness, STARTED_NS
 from lunar_rover_sim.run.node_config import ALL
 from lunar_rover_sim.run.node_processes import Looks, NodeLogs, NodeProcesses

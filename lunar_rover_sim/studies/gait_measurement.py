@@ -10,15 +10,15 @@ import math
 import numpy as np
 
 from lunar_rover_sim.errors import StudyError
-from lunar_rover_sim.gait.calibration import GaitCalibration, Stride
-from lunar_rover_sim.gait.conditions import ground_conditions, rover_conditions
+from lunar_rover_sim.gait.calibration import (GaitCalibration, ground_conditions, rover_conditions,
+                                              Stride)
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import TIPPED_DEG
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.studies.parallel import map_in_processes
+from lunar_rover_sim.studies.study_folder import map_in_processes
 from lunar_rover_sim.studies.walking import flat_world, STATE_PERIOD_S, walk
 
 Grid = tuple[tuple[float, ...], tuple[float, ...]]   # phase rates [Hz], turns

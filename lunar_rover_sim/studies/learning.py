@@ -36,8 +36,7 @@ from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
-from lunar_rover_sim.studies.parallel import map_in_processes
-from lunar_rover_sim.studies.study_folder import StudyFolder
+from lunar_rover_sim.studies.study_folder import map_in_processes, StudyFolder
 
 PACKAGED = 'packaged'
 GROUNDS, SLOPES_DEG = ('rigid', 'highland', 'highland_loose'), (0.0, 8.0)

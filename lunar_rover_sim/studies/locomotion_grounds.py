@@ -15,7 +15,7 @@ from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.studies.ground_comparison import (compare, comparison_text, plot_comparison,
                                                        Quantity)
-from lunar_rover_sim.studies.parallel import map_in_processes
+from lunar_rover_sim.studies.study_folder import map_in_processes
 from lunar_rover_sim.studies.terramechanics import Ground, GroundWalk, measure, WalkSettings
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import WorldConfig

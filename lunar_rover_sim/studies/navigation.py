@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.evaluation.map_evaluation import TrueSurface
 from lunar_rover_sim.evaluation.statistics import Comparison, either_alone_p, Mean, Share
-from lunar_rover_sim.evaluation.true_surface import TrueSurface
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.results import markdown_table, save_figure
 from lunar_rover_sim.navigation.config import NavigatorConfig, TRUTH
@@ -24,8 +24,7 @@ from lunar_rover_sim.navigation.traversability import Limits, traversability
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies.navigation_drives import (BLIND, drive_to, GOAL_SLACK_M, GoalDrive,
                                                        KNOWN, SEEN, start_of, TIPPED)
-from lunar_rover_sim.studies.parallel import map_in_processes
-from lunar_rover_sim.studies.study_folder import StudyFolder
+from lunar_rover_sim.studies.study_folder import map_in_processes, StudyFolder
 from lunar_rover_sim.world.model import World
 
 _TRIALS = 200           # of a goal, before a world counts as too rough

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from lunar_rover_sim.errors import PhysicsError
-from lunar_rover_sim.evaluation.true_surface import TrueSurface
+from lunar_rover_sim.evaluation.map_evaluation import TrueSurface
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, path_length, se3, wxyz_from_matrix
 from lunar_rover_sim.navigation.config import MapConfig, TRUTH
 from lunar_rover_sim.navigation.elevation_map import ElevationMap

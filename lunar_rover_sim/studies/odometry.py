@@ -16,7 +16,7 @@ from lunar_rover_sim.physics.state import TIPPED_DEG
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sensors.wheel_odometry import Rolling, RollingFeet, WheelOdometry
-from lunar_rover_sim.studies.parallel import map_in_processes
+from lunar_rover_sim.studies.study_folder import map_in_processes
 from lunar_rover_sim.studies.walking import STATE_PERIOD_S, Walk, walk
 
 COMMAND_S = 5.0                           # duration of each random command

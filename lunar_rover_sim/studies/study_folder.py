@@ -1,15 +1,57 @@
-"""The folder of a study that can be resumed: its settings, and a file for each finished drive."""
+"""Many drives of a study: by several processes, and in a folder from which it can be resumed.
+
+The folder holds the settings of the study, and a file for each finished drive.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 import json
+import multiprocessing
 from pathlib import Path
 from typing import Any, TypeVar
 
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.paths import make_new_folder
+
+Item = TypeVar('Item')
+Result = TypeVar('Result')
+
+
+def map_in_processes(function: Callable[[Item], Result], items: Sequence[Item], workers: int,
+                     progress: Callable[[Result, int, int], object] | None = None
+                     ) -> list[Result]:
+    """Return function(item) of all items, in their order.
+
+    Args:
+        workers: Number of processes; up to 1 for this one. They get function and items pickled.
+        progress: Called with each result, how many there are so far, and how many there will be.
+
+    Raises:
+        StudyError: If a process dies.
+    """
+    results: list[Result] = []
+
+    def collect(stream: Iterable[Result]) -> None:
+        for result in stream:
+            results.append(result)
+            if progress is not None:
+                progress(result, len(results), len(items))
+
+    if workers <= 1:
+        collect(map(function, items))
+        return results
+    # Not forked: a forked process would share threads and GPU contexts with this one.
+    with ProcessPoolExecutor(workers, multiprocessing.get_context('spawn')) as pool:
+        try:
+            collect(pool.map(function, items))
+        except BrokenProcessPool as error:
+            raise StudyError(f'a worker process died: {error}') from None
+    return results
+
 
 Drive = TypeVar('Drive')
 

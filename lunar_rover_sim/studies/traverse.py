@@ -24,8 +24,7 @@ from lunar_rover_sim.physics.penetration import TipPenetration
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.studies.parallel import map_in_processes
-from lunar_rover_sim.studies.study_folder import StudyFolder
+from lunar_rover_sim.studies.study_folder import map_in_processes, StudyFolder
 from lunar_rover_sim.studies.walking import STATE_PERIOD_S
 from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.config import WorldConfig

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.world.config import CraterConfig
-from lunar_rover_sim.world.crater_profile import profile_table, RADII, REACH
+from lunar_rover_sim.world.craters import profile_table, RADII, REACH
 
 F32 = NDArray[np.float32]
 
@@ -285,7 +285,7 @@ def _window(n: int, texel: float, x: float, y: float, radius: float) -> tuple[An
 
 
 def _pit(height: F32, texel: float, x: float, y: float, diameter: float, age: float) -> None:
-    """Add a small crater, as `crater_profile` has it at an age [lifetimes].
+    """Add a small crater, as `profile_table` has it at an age [lifetimes].
 
     In equilibrium ages are uniform (Fassett and Thomson, J. Geophys. Res. Planets 119, 2014): a
     tenth have a crisp rim, half are shallow bowls without one.

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.world.config import CraterConfig
-from lunar_rover_sim.world.crater_profile import profile_table, RADII, REACH
-from lunar_rover_sim.world.craters import Craters
+from lunar_rover_sim.world.craters import Craters, profile_table, RADII, REACH
 from lunar_rover_sim.world.grid import ALBEDO_STEP, on_lattice, window_of
 from lunar_rover_sim.world.relief import smoothstep
 

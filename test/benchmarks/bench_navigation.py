@@ -26,7 +26,7 @@ from peer import at_rest_odometry, Peer, running  # noqa: E402
 from sensor_msgs.msg import Image  # noqa: E402
 
 from lunar_rover_sim import Scenario  # noqa: E402
-from lunar_rover_sim.evaluation.true_surface import TrueSurface  # noqa: E402
+from lunar_rover_sim.evaluation.map_evaluation import TrueSurface  # noqa: E402
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3, wxyz_from_rpy  # noqa: E402
 from lunar_rover_sim.navigation.elevation_map import ElevationMap  # noqa: E402
 from lunar_rover_sim.navigation.planner import Planner  # noqa: E402

@@ -7,8 +7,8 @@ import synthetic_bag
 import worlds
 
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.map_evaluation import CELL_M, DISTANCES_M, evaluate_maps, NEAR_M
-from lunar_rover_sim.evaluation.true_surface import TrueSurface
+from lunar_rover_sim.evaluation.map_evaluation import (CELL_M, DISTANCES_M, evaluate_maps, NEAR_M,
+                                                       TrueSurface)
 from lunar_rover_sim.world.world_folder import save_world
 
 

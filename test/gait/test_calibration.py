@@ -9,8 +9,8 @@ import pytest
 
 from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.files.paths import config_folder
-from lunar_rover_sim.gait.calibration import GaitCalibration, STAND, Stride
-from lunar_rover_sim.gait.conditions import differences, ground_conditions, rover_conditions
+from lunar_rover_sim.gait.calibration import (differences, GaitCalibration, ground_conditions,
+                                              rover_conditions, STAND, Stride)
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig
 from lunar_rover_sim.regolith.config import GroundConfig

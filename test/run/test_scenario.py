@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from lunar_rover_sim.errors import ConfigError, WorldError
-from lunar_rover_sim.gait.calibration import GaitCalibration
-from lunar_rover_sim.gait.conditions import differences, ground_conditions, rover_conditions
+from lunar_rover_sim.gait.calibration import (differences, GaitCalibration, ground_conditions,
+                                              rover_conditions)
 from lunar_rover_sim.run.lockstep import StampGate, WrittenStamps
 from lunar_rover_sim.run.params_files import arguments_of_program
 from lunar_rover_sim.run.plan import check_launch_arguments, resolve

@@ -9,7 +9,7 @@ import worlds
 
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import ConfigError, StudyError
-from lunar_rover_sim.evaluation.true_surface import TrueSurface
+from lunar_rover_sim.evaluation.map_evaluation import TrueSurface
 from lunar_rover_sim.navigation.navigator import ARRIVED
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario

@@ -9,8 +9,8 @@ from scipy.ndimage import map_coordinates
 
 from lunar_rover_sim.world import stamping
 from lunar_rover_sim.world.config import CraterConfig
-from lunar_rover_sim.world.crater_profile import fresh_profile, profile_table, RADII, REACH
-from lunar_rover_sim.world.craters import Craters, keep_clear, populate, survivors
+from lunar_rover_sim.world.craters import (Craters, fresh_profile, keep_clear, populate,
+                                           profile_table, RADII, REACH, survivors)
 from lunar_rover_sim.world.grid import window_of
 
 ROUND = CraterConfig(irregularity=0.0)

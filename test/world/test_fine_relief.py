@@ -6,7 +6,7 @@ from scipy.ndimage import map_coordinates
 
 from lunar_rover_sim.world import fine_relief
 from lunar_rover_sim.world.config import CraterConfig
-from lunar_rover_sim.world.crater_profile import profile_table
+from lunar_rover_sim.world.craters import profile_table
 from lunar_rover_sim.world.fine_relief import TileRecipe
 
 BARE = TileRecipe(n=128, period_m=0.64, rms_slope=0.2, longest_m=0.1, hurst=0.8, pit_cover=0.0,

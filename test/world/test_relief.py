@@ -7,7 +7,7 @@ import pytest
 import worlds
 
 from lunar_rover_sim.errors import WorldError
-from lunar_rover_sim.world import crater_profile, craters, stamping
+from lunar_rover_sim.world import craters, stamping
 from lunar_rover_sim.world.config import CraterConfig, ReliefConfig, WorldConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.relief import spectrum, structure_function
@@ -146,7 +146,7 @@ def test_craters_are_as_deep_as_their_age_says():
         measured.append((all_.age[i], (crest - h[0].mean()) / d, (crest - plain) / d))
     age, depth, rim = np.array(measured).T
     assert len(age) > 30
-    table = crater_profile.profile_table(config)
+    table = craters.profile_table(config)
     assert np.allclose(depth, np.interp(age, table.ages, table.depth), atol=0.012)
     assert depth[age < 0.1].mean() > 0.14
     assert depth[age > 0.9].mean() < 0.04
@@ -155,7 +155,7 @@ def test_craters_are_as_deep_as_their_age_says():
 
 def test_many_degraded_craters_and_few_fresh_ones():
     catalogue, config = worlds.world().craters, CraterConfig()
-    table = crater_profile.profile_table(config)
+    table = craters.profile_table(config)
     depth = np.interp(catalogue.age, table.ages, table.depth)
     assert np.median(depth) < 0.5 * config.fresh_depth
     assert 0.01 < np.mean(depth > 0.85 * config.fresh_depth) < 0.1
@@ -163,13 +163,13 @@ def test_many_degraded_craters_and_few_fresh_ones():
 
 def test_profile_from_fresh_to_old():
     config = CraterConfig()
-    table = crater_profile.profile_table(config)
+    table = craters.profile_table(config)
     assert table.depth[0] == pytest.approx(0.2, abs=1e-6)    # Pike (1977)
     assert table.rim[0] == pytest.approx(0.04, abs=1e-6)
     assert table.depth[-1] == pytest.approx(config.oldest_depth, abs=0.003)
     assert np.all(np.diff(table.depth) < 0.0) and np.all(np.diff(table.steepest) < 1e-9)
     # Diffusion moves soil and makes none: ring volumes stay, up to what tapers off at the reach.
-    volume = (table.heights * crater_profile.RADII).sum(axis=1) * crater_profile.RADII[1]
+    volume = (table.heights * craters.RADII).sum(axis=1) * craters.RADII[1]
     assert np.ptp(volume) < 0.012
 
 
