@@ -31,6 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Judge, print a table, write results."""
     picture = None if args.output is None else args.output / 'map_evaluation.png'
+    if args.output is not None:
+        args.output.mkdir(parents=True, exist_ok=True)
     result = evaluate_maps(args.bag, args.world, args.maps, picture)
     if args.output is not None:
         atomic_write(args.output / 'map_evaluation.json',

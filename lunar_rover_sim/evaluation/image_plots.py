@@ -28,6 +28,10 @@ def save_comparison(result: ImageComparison, path: Path) -> None:
         _measure(one, row, result)
     for one in axes[len(rows):]:
         one.set_axis_off()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise EvaluationError(f'{path}: cannot be written: {error.strerror}') from None
     save_figure(figure, path, EvaluationError)
 
 

@@ -7,6 +7,9 @@ import importlib
 import threading
 from typing import Any
 
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
+
 from lunar_rover_sim.navigation.navigator import ARRIVED, FAILED, NavigatorCommand
 from lunar_rover_sim.nodes.node_main import GraphNode
 
@@ -23,13 +26,12 @@ class NavigateToPoseServer:
     def __init__(self, node: GraphNode, kind: Any, set_goals: Callable[[Sequence[Any]], str]
                  ) -> None:
         action = importlib.import_module('rclpy.action')
-        groups = importlib.import_module('rclpy.callback_groups')
         self._kind, self._set_goals = kind, set_goals
         self._command: NavigatorCommand | None = None
         self._number = 0
         self._cancel = action.CancelResponse.ACCEPT
         self._server = action.ActionServer(
-            node, kind, _NAME, self._execute, callback_group=groups.ReentrantCallbackGroup(),
+            node, kind, _NAME, self._execute, callback_group=ReentrantCallbackGroup(),
             cancel_callback=lambda _: self._cancel)
 
     @classmethod
@@ -57,7 +59,6 @@ class NavigateToPoseServer:
             return self._result(refused)
         self.replace()
         number, self._command = self._number, None
-        sleep = importlib.import_module('rclpy.task').Future
         while number == self._number:
             command = self._command
             if handle.is_cancel_requested:
@@ -67,7 +68,7 @@ class NavigateToPoseServer:
             if command is not None and command.status in (ARRIVED, FAILED):
                 (handle.succeed if command.status == ARRIVED else handle.abort)()
                 return self._result(command.reason)
-            await _pause(sleep)
+            await _pause()
         handle.abort()
         return self._result('a newer goal has replaced this one')
 
@@ -78,7 +79,7 @@ class NavigateToPoseServer:
         return result
 
 
-async def _pause(future: Any) -> None:
-    one = future()
+async def _pause() -> None:
+    one = Future()
     threading.Timer(_POLL_S, one.set_result, (None,)).start()
     await one
