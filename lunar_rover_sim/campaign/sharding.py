@@ -81,7 +81,7 @@ def write_shards(dataset: Path, output: Path, size: int, shares: Mapping[str, fl
         folder.rename(output)
     return [f'{output}/{split}: {counted(sum(s.samples for s in made[split]), "sample")} in '
             f'{counted(len(made[split]), "shard")}, '
-            f'{counted(_worlds(drives, split_of, split), "world")}'
+            f'{counted(list(split_of.values()).count(split), "world")}'
             for split in SPLITS if split in made]
 
 
@@ -181,7 +181,3 @@ def _listed(index: Path) -> list[dict[str, Any]]:
             and Path(str(entry.get('url'))).name == entry.get('url') for entry in entries):
         raise CampaignError(f'{index}: is not a list of shards')
     return entries
-
-
-def _worlds(drives: list[Episode], split_of: Mapping[str, str], split: str) -> int:
-    return len({drive.world for drive in drives if split_of[drive.world] == split})

@@ -38,8 +38,9 @@ def save_comparison(result: ImageComparison, path: Path) -> None:
 def _histograms(axes: Axes, result: ImageComparison) -> None:
     edges = LOG_FLOOR + LOG_STEP * np.arange(LOG_BINS + 1)
     for (name, colour), one in zip(_COLOURS.items(), (result.first, result.second)):
+        bag = '/'.join(one.images.path.parts[-2:])      # with the folder of its run
         axes.stairs(one.log_gradients.mean(axis=0) / LOG_STEP, edges, color=colour, lw=1.5,
-                    label=f'{name}: {_short(one.images.path)} ({len(one.values)} images)')
+                    label=f'{name}: {bag} ({len(one.values)} images)')
     axes.set(xlabel='log10 of the gradient [full scale per px]', ylabel='density')
     axes.set_title(f'Wasserstein distance {result.distance.value:.3f} decades', fontsize=10)
     axes.legend(fontsize=8, loc='upper right')
@@ -62,8 +63,3 @@ def _measure(axes: Axes, row: MeasureRow, result: ImageComparison) -> None:
     axes.set_title(row.name + (f'\np = {p:.3g}' if p == p else ''), fontsize=9)
     axes.tick_params(labelsize=8)
     axes.grid(alpha=0.3, axis='y')
-
-
-def _short(path: Path) -> str:
-    """Return the end of a path, `bag` with the folder of its run."""
-    return '/'.join(path.parts[-2:])

@@ -193,7 +193,8 @@ class GaitController:
         else:
             dt = (stamp_ns - self._last_ns) * 1e-9
         self._last_ns = stamp_ns
-        self._stride = self._commanded if self._is_fresh(stamp_ns) else STAND
+        is_fresh = stamp_ns - self._command_ns <= self._config.cmd_timeout_s * 1e9
+        self._stride = self._commanded if is_fresh else STAND
         self._blend(dt)
         self._follow(dt, angle)
         return self._command(angle, velocity)
@@ -208,9 +209,6 @@ class GaitController:
             self._reports.append(
                 f'velocity command {forward:.3f} m/s, {yaw_rate:.3f} rad/s is beyond reach: scaled'
                 f' by {scale:.2f}, curvature kept (reported once)')
-
-    def _is_fresh(self, stamp_ns: int) -> bool:
-        return stamp_ns - self._command_ns <= self._config.cmd_timeout_s * 1e9
 
     def _blend(self, dt: float) -> None:
         """Move shape, sweeps and duty offset towards the parameters and the stride in force."""

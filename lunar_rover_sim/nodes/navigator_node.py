@@ -66,8 +66,8 @@ class NavigatorNode(node_main.GraphNode):
                                  qos.requested(topics.ODOM, config.lockstep), raw=True)
         self.create_subscription(OccupancyGrid, topics.TRAVERSABILITY.name, self._map_callback,
                                  qos.requested(topics.TRAVERSABILITY, config.lockstep))
-        self.create_subscription(PoseStamped, topics.GOAL_POSE.name, self._goal_callback,
-                                 qos.reliable(1))
+        self.create_subscription(PoseStamped, topics.GOAL_POSE.name,
+                                 lambda msg: self._take_goals([msg]), qos.reliable(1))
         self.create_subscription(Path, topics.WAYPOINTS.name, self._waypoints_callback,
                                  qos.reliable(1))
         stamped = config.enable_stamped_cmd_vel
@@ -111,9 +111,6 @@ class NavigatorNode(node_main.GraphNode):
             self.warnings.add('map', f'{error}; it is not used')
             return
         self.wake()
-
-    def _goal_callback(self, msg: PoseStamped) -> None:
-        self._take_goals([msg])
 
     def _waypoints_callback(self, msg: Path) -> None:
         for pose in msg.poses:

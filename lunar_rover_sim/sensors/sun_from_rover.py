@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +37,7 @@ class SunFromRover:
         self._follow(stamp_ns)
         T = state.T_world_base
         return self._view.seen_from(T[:3, :3] @ np.asarray(position_m) + T[:3, 3],
-                                    self._reaches_sky)
+                                    functools.partial(reaches_sky, self._simulation))
 
     def earth(self, stamp_ns: int) -> Array | None:
         """Return the (3,) unit vector to the Earth, as `earth_of_date`."""
@@ -47,9 +49,6 @@ class SunFromRover:
         if step != self._step:
             self._step, sun = step, self._path.of_step(step)
             self._view, self._earth = SunView(self._world, sun), earth_of_date(sun)
-
-    def _reaches_sky(self, point_m: Array, directions: Array) -> np.ndarray:
-        return reaches_sky(self._simulation, point_m, directions)
 
 
 _NO_BODY = -1

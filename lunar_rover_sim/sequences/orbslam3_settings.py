@@ -9,8 +9,6 @@ hence the large number of features.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from lunar_rover_sim.errors import ConfigError
@@ -117,13 +115,9 @@ def _imu(suite: SensorSuite, mount: str) -> list[str]:
 
 def _matrix(name: str, values: Array, dtype: str = 'f') -> list[str]:
     rows, columns = values.shape
-    numbers = _row(values.ravel())
+    numbers = ', '.join(_real(value) for value in values.ravel())
     return [f'{name}: !!opencv-matrix', f'   rows: {rows}', f'   cols: {columns}',
             f'   dt: {dtype}', f'   data: [{numbers}]']
-
-
-def _row(values: Iterable[float]) -> str:
-    return ', '.join(_real(value) for value in values)
 
 
 def _real(value: float) -> str:

@@ -291,8 +291,9 @@ def _record(drive: Drive, recordings: Path, recorder: Callable[..., Recording],
 
 
 def _request(cell: Cell) -> Any:
-    return _plain({'drive': dataclasses.asdict(cell.drive),
-                   'estimator': dataclasses.asdict(cell.estimator)})
+    request = {'drive': dataclasses.asdict(cell.drive),
+               'estimator': dataclasses.asdict(cell.estimator)}
+    return json.loads(json.dumps(request, default=str))
 
 
 def _read(cell: Cell, folder: Path) -> Cell | None:
@@ -308,10 +309,6 @@ def _read(cell: Cell, folder: Path) -> Cell | None:
                                    failed=bool(kept['failed']))
     except (KeyError, TypeError, AttributeError):
         raise SlamError(f'{path}: is not a result of a benchmark') from None
-
-
-def _plain(value: Any) -> Any:
-    return json.loads(json.dumps(value, default=str))
 
 
 def _write(path: Path, value: Any) -> None:

@@ -130,7 +130,8 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
     step('evaluating', None)
     reason = join(outcome.reason, tipped_over(truth))
     known = SlamResult(estimator.system, estimator.sensor, reason, len(outcome.frames_ns),
-                       distance_m=distance_m, duration_s=_span_s(truth), wall_s=outcome.wall_s)
+                       distance_m=distance_m, wall_s=outcome.wall_s,
+                       duration_s=1e-9 * float(truth.stamps_ns[-1] - truth.stamps_ns[0]))
     if outcome.trajectory is None:
         return known
     write_tum(folder / ESTIMATE, outcome.trajectory)
@@ -163,7 +164,3 @@ def tipped_over(truth: Trajectory) -> str:
         if tip_over.has_begun(orientation_wxyz):
             return f'the rover tipped over at {stamp_ns * 1e-9:.1f} s'
     return ''
-
-
-def _span_s(trajectory: Trajectory) -> float:
-    return float(trajectory.stamps_ns[-1] - trajectory.stamps_ns[0]) * 1e-9

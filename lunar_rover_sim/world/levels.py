@@ -24,16 +24,13 @@ def plan(config: WorldConfig) -> list[tuple[int, float]]:
     as wide as the one within it, and its samples include the corners of that one.
     """
     levels = [(config.samples, config.cell_m)]
-    while _half(*levels[-1]) < config.surroundings.extent_m:
-        n, cell = levels[-1]
+    n, cell = levels[0]
+    while 0.5 * (n - 1) * cell < config.surroundings.extent_m:
         least = max(config.surroundings.samples, 2 * (n - 1) // LEVEL_RATIO + 1)
         step = 2 * LEVEL_RATIO
-        levels.append((-(-(least - 1) // step) * step + 1, cell * LEVEL_RATIO))
+        n, cell = -(-(least - 1) // step) * step + 1, cell * LEVEL_RATIO
+        levels.append((n, cell))
     return levels
-
-
-def _half(n: int, cell_m: float) -> float:
-    return 0.5 * (n - 1) * cell_m
 
 
 def axis_m(n: int, cell_m: float) -> NDArray[np.float64]:

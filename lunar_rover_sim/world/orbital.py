@@ -130,11 +130,11 @@ def write_features(world: World, path: Path, least_rock_m: float = 0.1,
 
     for k in np.flatnonzero(rocks.diameter_m >= least_rock_m):
         vertices = world.rock_shapes[int(rocks.shape[k])].vertices
-        rotated = _rotated(vertices, rocks.orientation_wxyz[k])[:, 2] * rocks.diameter_m[k]
+        height = vertices @ matrix_from_wxyz(rocks.orientation_wxyz[k])[2] * rocks.diameter_m[k]
         position = rocks.position_m[k]
         ground = world.ground.height_at_point(float(position[0]), float(position[1]))
         add('rock', position[:2], diameter_m=rocks.diameter_m[k],
-            top_m=position[2] + rotated.max() - ground)
+            top_m=position[2] + height.max() - ground)
     inside = np.abs(craters.position_m).max(axis=1, initial=0.0) <= half
     for k in np.flatnonzero(inside & (craters.diameter_m >= least_crater_m)):
         add('crater', craters.position_m[k], diameter_m=craters.diameter_m[k],
@@ -144,7 +144,3 @@ def write_features(world: World, path: Path, least_rock_m: float = 0.1,
                                 else f'metres in {crs.to_string()}')}
     atomic_write(path, json.dumps(document) + '\n', WorldError)
     return len(features)
-
-
-def _rotated(vertices: NDArray[Any], wxyz: Array) -> Array:
-    return np.asarray(vertices @ matrix_from_wxyz(wxyz).T, float)
