@@ -183,7 +183,7 @@ def dig_slope(load: float, depth: float, table: np.ndarray, deepest: float) -> f
     Args:
         load: as a part of F(z), from 0 to 1.
         depth: in radii, from 0 to `deepest`.
-        table: (depths + 1, loads + 1) of `dragged_ball.dig_table`.
+        table: (depths + 1, loads + 1) of `resistive_force.dig_table`.
         deepest: depth of its last row, in radii.
     """
     depths, loads = table.shape[0] - 1, table.shape[1] - 1

@@ -22,9 +22,6 @@ F32 = NDArray[np.float32]
 _BIN_PX = 1.0 / 64.0
 _LARGEST_BINNED_PX = 4.0
 _BINS = round(2.0 * _LARGEST_BINNED_PX / _BIN_PX)
-# Mean of a block, as a share of full scale, below which it is in shadow; standard deviation below
-# which it is low in texture.
-_SHADOW_LEVEL, _TEXTURE_LEVEL = 0.08, 0.012
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,13 +120,17 @@ def disparity_errors_px(disparity: DisparityMap, truth_px: F32,
 
 
 def stereo_errors(disparity: DisparityMap, truth_px: F32, right_truth_px: F32 | None,
-                  left: NDArray[Any], *, block_px: int = 7) -> StereoErrors:
+                  left: NDArray[Any], *, shadow_level: float = 0.08,
+                  texture_level: float = 0.012, block_px: int = 7) -> StereoErrors:
     """Judge a disparity map.
 
     Args:
         truth_px: (h, w) true disparity of the left image, 0 for sky [px].
         right_truth_px: That of the right image, to find occluded pixels; None finds none.
         left: The left image, (h, w) or (h, w, 3), unsigned integers.
+        shadow_level: Mean of a block, as a share of full scale, below which it is in shadow.
+        texture_level: Standard deviation within a block, as a share of full scale, below which it
+            is low in texture.
         block_px: Side of a block; one with more than a third of its pixels at full scale is
             saturated.
     """
@@ -147,7 +148,7 @@ def stereo_errors(disparity: DisparityMap, truth_px: F32, right_truth_px: F32 | 
     counts = np.bincount(np.clip(place, 0, _BINS - 1).astype(int), minlength=_BINS)
     mean = cv2.blur(image, (block_px, block_px))
     deviation = np.sqrt(np.maximum(cv2.blur(image * image, (block_px, block_px)) - mean**2, 0.0))
-    dark = mean < _SHADOW_LEVEL
+    dark = mean < shadow_level
     missing = ground & ~disparity.valid
     x, y, w, h = disparity.valid_window
     margin = missing.copy()
@@ -163,7 +164,7 @@ def stereo_errors(disparity: DisparityMap, truth_px: F32, right_truth_px: F32 | 
     rest &= ~dark
     full = cv2.blur((image >= 1.0).astype(np.float32), (block_px, block_px)) > 1 / 3
     saturated = rest & full
-    flat = rest & ~full & (deviation < _TEXTURE_LEVEL)
+    flat = rest & ~full & (deviation < texture_level)
     lit = ground & ~dark
     return StereoErrors(int(ground.sum()), int(matched.sum()), int((error > 1.0).sum()),
                         int((error > 2.0).sum()), float(error.sum()),
