@@ -1,6 +1,6 @@
 """Sunlit ground: boundaries of shadows over nested height grids.
 
-This is done once per world and sun; the sun of a date moves in steps (`sun_path`). For every
+This is done once per world and sun; the sun of a date moves in steps (`sun_of_date`). For every
 sample of every level two numbers are kept, both measured along the central ray from the ground to
 the sun:
 
