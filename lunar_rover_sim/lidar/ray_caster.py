@@ -27,9 +27,13 @@ def free_distances(level: LevelArrays, inner_m: float, box_m: tuple[Array, Array
                    which: NDArray[np.int64], direction: Array, range_m: float) -> Array:
     """Return (n,) distances [m] up to which rays meet nothing of a level; 0 where not in `which`.
 
-    At least range_m: they meet nothing within it. inner_m: half side of the square where the
-    level is not; box_m: (3,) corners of a box in which all begin; which: (m,) rays; direction:
-    (n, 3)
+    Distances are at least range_m: rays meet nothing within it.
+
+    Args:
+        inner_m: Half side of the square where the level is not.
+        box_m: (3,) corners of a box in which all begin.
+        which: (m,) rays.
+        direction: (n, 3) unit vectors.
     """
     free = np.zeros(len(direction))
     ring_m = np.append(0.0, np.geomspace(_NEAREST_M, max(range_m, 1.0), _RINGS))

@@ -1,1 +1,1 @@
-"""Sequences for SLAM programs: EuRoC, TUM, KITTI, TartanAir, and their settings files."""
+"""Sequences for SLAM programs and trainers (`export.FORMATS` lists them), and settings files."""
