@@ -27,7 +27,7 @@ def free_distances(level: LevelArrays, inner_m: float, box_m: tuple[Array, Array
                    which: NDArray[np.int64], direction: Array, range_m: float) -> Array:
     """Return (n,) distances [m] up to which rays meet nothing of a level; 0 where not in `which`.
 
-    Distances are at least range_m: rays meet nothing within it.
+    A ray whose distance is range_m or more meets nothing within that range.
 
     Args:
         inner_m: Half side of the square where the level is not.
