@@ -97,7 +97,8 @@ class Executed:
         if span is None:
             return self.of_module(module)
         if is_compiled(line, code):
-            others = (other for other in self.lines if _imports(f'{PACKAGE}/{other}', module))
+            others = (other for other in self.lines     # which have lines of templates, too
+                      if other.endswith('.py') and _imports(f'{PACKAGE}/{other}', module))
             files = {file for file in self.files() if _imports(file, module)}
             return set().union(*map(self.of_module, others),
                                (test for test in self.seconds if _file(test) in files))
