@@ -7,7 +7,11 @@ import pytest
 
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.camera.distortion import distort, is_invertible, undistort
+from lunar_rover_sim.camera.fisheye import FisheyeCamera
+from lunar_rover_sim.camera.hazard import HazardCameraConfig
+from lunar_rover_sim.camera.image_geometry import FisheyeImage
 from lunar_rover_sim.camera.miscalibration import padding, source_pixels
+from lunar_rover_sim.camera.motion import CameraTwist
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
@@ -114,6 +118,20 @@ def test_each_distorted_pixel_shows_the_place_that_the_lens_moves_there(lens):
 
 def test_a_straight_image_needs_no_padding():
     assert padding(CameraConfig()) == (0, 0)
+
+
+@pytest.mark.parametrize('distortion', [(0.0,) * 4, (-0.02, 0.004, -0.003, 0.0006)])
+def test_a_fisheye_that_turns_about_its_axis_draws_circles(distortion):
+    """As fast as they are wide: along the circles a fisheye is denser than from the middle out."""
+    camera = FisheyeCamera(HazardCameraConfig(width=400, height=300,
+                                              fisheye_distortion=distortion))
+    middle = camera.K[:2, 2]
+    assert camera.project([0.0, 0.0, 2.0]) == pytest.approx(middle, abs=1e-9)
+    places = middle + np.array([[0.5, 0.0], [20.0, -30.0], [-90.0, 60.0], [0.0, 140.0]])
+    image = FisheyeImage(camera)
+    turning = CameraTwist(np.zeros(3), np.array([0.0, 0.0, 0.7]))
+    speed = image.image_speed(turning, image.rays(places), np.ones(4))
+    assert speed == pytest.approx(0.7 * np.hypot(*(places - middle).T), rel=1e-6)
 
 
 BARREL = (-0.28, 0.07, 0.0008, -0.0005, 0.0)

@@ -123,6 +123,19 @@ def test_far_rocks_stand_in_the_light_of_their_own_level():
     assert light[1, 4] > 2.0 * light[0, 4]
 
 
+def test_a_place_has_the_horizon_of_the_finest_level_around_it():
+    """A wall on the fine level alone: 1 m high, 2 m towards the sun of places there."""
+    fine = np.zeros((257, 257), np.float32)
+    fine[:, 168:170] = 1.0                              # at x = 2 m
+    world = scene.plane(n=257, cell_m=0.05, heights=fine)
+    light = Sunlight(world, SunConfig(), ReflectanceConfig(), sun_direction(0.0, 10.0), False)
+    places = [(0.0, y, z) for y in (-2.0, 0.0, 3.0) for z in (0.0, 0.5, 0.9)]
+    above_deg = np.degrees(light.angle_above_horizon([*places, (-9.0, 0.0, 0.0)]))
+    assert above_deg[:-1] == pytest.approx(
+        [10.0 - np.degrees(np.arctan2(1.0 - z, 2.0)) for *_, z in places], abs=1.0)
+    assert above_deg[-1] == pytest.approx(10.0, abs=0.5)
+
+
 LIBRARY = shapes.library()
 CELL, N = 0.05, 161
 
