@@ -1,6 +1,7 @@
 """The recipe: what is refused."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -31,6 +32,20 @@ FLAT = Scenario.load('flat').world
 def test_mistakes_are_named(mapping, message):
     with pytest.raises(ConfigError, match=message):
         WorldConfig.from_mapping(mapping, 'world')
+
+
+@pytest.mark.parametrize('size_m, cell_m', [(0.05, 0.025), (0.59, 0.025), (12.9, 0.05),
+                                            (3.3, 0.1), (900.0, 0.025)])
+def test_the_size_that_is_offered_is_valid_and_none_is_nearer(size_m, cell_m):
+    with pytest.raises(ConfigError, match='the nearest is') as raised:
+        WorldConfig(size_m=size_m, cell_m=cell_m)
+    offered = float(str(raised.value).rpartition(' ')[2])
+    assert WorldConfig(size_m=offered, cell_m=cell_m).size_m == offered
+    step = int(re.findall(r'multiple of (\d+) cells', str(raised.value))[0]) * cell_m
+    for other in (offered - step, offered + step):
+        if abs(other - size_m) < abs(offered - size_m) - 1e-9:
+            with pytest.raises(ConfigError):
+                WorldConfig(size_m=other, cell_m=cell_m)
 
 
 def test_mapping_round_trip():

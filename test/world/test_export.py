@@ -115,6 +115,20 @@ def test_export_refusals(tmp_path):
         export.write(world, tmp_path / 'nowhere' / 'world.ply')
 
 
+def test_the_strides_that_are_offered_are_those_that_are_taken():
+    world = worlds.small()
+    with pytest.raises(WorldError, match='the 512 cells of the ground; valid are') as refused:
+        export.to_scene(world, 7, rocks=False)
+    offered = [int(word) for word in str(refused.value).rpartition('are ')[2].split(', ')]
+    for stride in range(1, 65):
+        if stride in offered:
+            ground = export.to_scene(world, stride, rocks=False).geometry['ground']
+            assert len(ground.vertices) == (512 // stride + 1)**2
+        else:
+            with pytest.raises(WorldError):
+                export.to_scene(world, stride, rocks=False)
+
+
 def test_exported_ground_comes_back_as_a_world(tmp_path):
     # Out as GLB and in again as a mesh: the same surface.
     from lunar_rover_sim.parameters import merge
