@@ -22,9 +22,11 @@ _ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np
 _FOUR, _TWELVE = np.float32(4.0), np.float32(12.0)
 _GRAZING, _TINY = np.float32(0.02), np.float32(1e-6)
 _BYTE = np.float32(1.0 / 255.0)
-# Texels are means that are interpolated besides, and as wide as they are long: ones of the size of
-# a pixel blur more than it does. With this offset as many pixels are in shadow as should be.
-_SHARPER = np.float32(0.35)
+# A pixel is longer along the view than it is wide, and texels are as wide as they are long: seen
+# across the sun, where shadows end across the view, ones as long as a pixel would average shadows
+# that it keeps apart. With this part of the length's logarithm left out there, and texels a little
+# larger elsewhere, as many pixels are in shadow as should be (bench_resolution.py).
+_SHORTER, _LARGER = np.float32(0.34), np.float32(0.05)
 _FIRST, _SPAN = np.float32(0.35), np.float32(1.0 / 0.3)
 
 
@@ -117,7 +119,7 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
             of ground in the shadow of far rocks.
         constants: Size of a pixel at depth 1; radius of the sun [rad]; place of the middle of all
             cameras [m], reach of relief with shape [m]; log2 of texels per metre of the fine tile,
-            and its last level.
+            and its last level; horizontal part of the unit vector to the sun.
         smooth: Whether edges of shadows are drawn without steps.
         slope_x, slope_y: (n,) filled in, as all that follow.
         lit: Share of the sun over the grid.
@@ -132,6 +134,7 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
         constants[0], constants[1], constants[2], constants[3], constants[4], constants[5],
         constants[6])
     deepest = np.float32(len(side) - 1)
+    sun_x, sun_y = constants[7], constants[8]
     for c in range(len(depth) // _N):
         i = c * _N
         if not any_positive(depth, i):
@@ -162,10 +165,11 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
                     s[_SCALE + j] = scale if beyond else s[_SCALE + j]
                     s[_OFFSET + j] = offset if beyond else s[_OFFSET + j]
                     s[_LOG + j] = log if beyond else s[_LOG + j]
-        # Footprint of the pixel on level ground: across and along the line of sight.
+        # Footprint of the pixel on level ground, across and along the line of sight. Along it the
+        # pixel shows the slopes that face it; a mean over more ground has those that are hidden.
         for j in range(_N):
             size = max(s[_SIZE + j], _TINY)
-            along = log2(min(size / max(abs(s[_TURN + j]), _GRAZING), _FOUR * size))
+            along = log2(min(size / max(abs(s[_TURN + j]), _GRAZING), _TWO * size))
             s[_TOP + j] = along
             s[_COARSE + j] = min(_mip(along + s[_LOG + j]), deepest)
             # Far rocks' shadows are as narrow as a pixel: they are not blurred along the view.
@@ -246,7 +250,12 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
             size = max(s[_SIZE + j], _TINY)
             s[_TURN + j] = min(size / s[_WEIGHT + j], _TWELVE * size)
         for j in range(_N):
-            detail[i + j] = min(_mip(log2(s[_TURN + j]) + fine - _SHARPER), last)
+            size = max(s[_SIZE + j], _TINY)
+            p, q = vx[i + j], vy[i + j]
+            across = p * sun_y - q * sun_x
+            across = across * across / max(p * p + q * q, _TINY)
+            longer = log2(s[_TURN + j] / size) * (_ONE - _SHORTER * across)
+            detail[i + j] = min(_mip(log2(size) + longer + fine + _LARGER), last)
         for j in range(_N):
             slope_x[i + j] = s[_OUT + j]
         for j in range(_N):

@@ -130,8 +130,8 @@ class Band:
         light_of_grid(
             *get('depth x y vx vy vz'), texels.levels, texels.ground.words, texels.matter.words,
             texels.ground.side, texels.ground.first,
-            np.array([view.pixel, constants.sun[6], *centre, texels.fine_log2, texels.last],
-                     np.float32), constants.smooth,
+            np.array([view.pixel, constants.sun[6], *centre, texels.fine_log2, texels.last,
+                      *constants.sun[:2]], np.float32), constants.smooth,
             *get('slope_x slope_y lit albedo below around detail level'))
         relief_of(*get('depth x y detail'), texels.tile, texels.zone, texels.horizon,
                   *texels.coarse, *texels.fine,

@@ -14,6 +14,7 @@ from lunar_rover_sim.world.fine_relief import disc_share
 
 N = 1280                # pixels
 PIXEL, RADIUS, FINE = 1.0 / 500.0, 0.00465, 9.0
+SUN = (0.6, -0.8)       # heading
 F32 = np.float32
 
 
@@ -82,12 +83,12 @@ def test_what_is_known_of_the_grid(pixels, smooth):
     out = arrays(8)
     grid_rows.light_of_grid(
         depth, x, y, vx, vy, vz, places_of.astype(F32), own.words, texels.words, own.side,
-        own.first, np.array([PIXEL, RADIUS, 0.0, 0.0, 1.5, FINE, 8.0], F32), smooth, *out)
+        own.first, np.array([PIXEL, RADIUS, 0.0, 0.0, 1.5, FINE, 8.0, *SUN], F32), smooth, *out)
     slope_x, slope_y, lit, albedo, below, around, detail, level = out
     layer = (np.maximum(abs(x), abs(y)) > 3.2).astype(int)
     assert 0.2 < layer.mean() < 0.9
     size = depth * PIXEL
-    along = np.log2(np.minimum(size / np.maximum(abs(vz), 0.02), 4.0 * size))
+    along = np.log2(np.minimum(size / np.maximum(abs(vz), 0.02), 2.0 * size))
     np.testing.assert_allclose(level, along, atol=1e-4)
     log = -np.log2(np.array(cells))[layer]
     coarse = np.minimum(mip(along + log), len(own.side) - 1)
@@ -111,7 +112,10 @@ def test_what_is_known_of_the_grid(pixels, smooth):
     facing = (normal * [vx, vy, vz]).sum(axis=0) / np.linalg.norm(normal, axis=0)
     shaped = np.clip(5.0 - 5.0 * np.hypot(x, y) / 1.5, 0.0, 1.0)
     foot = np.minimum(size / np.maximum(np.maximum(facing, shaped), 0.02), 12.0 * size)
-    wanted = np.minimum(mip(np.log2(foot) + FINE - 0.35), 8.0)
+    # Across the sun a third of the length of a pixel, in octaves over its width, does not count.
+    across = (vx * SUN[1] - vy * SUN[0])**2 / (vx**2 + vy**2)
+    octaves = np.log2(foot / size) * (1.0 - 0.34 * across)
+    wanted = np.minimum(mip(np.log2(size) + octaves + FINE + 0.05), 8.0)
     np.testing.assert_allclose(detail, wanted, atol=2e-3)
     angle = expected[:, 2] / expected[:, 3]
     width = np.full(N, RADIUS)

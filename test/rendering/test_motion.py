@@ -158,15 +158,16 @@ def test_a_still_camera_costs_and_changes_nothing(pole, renderer):
 
 @pytest.mark.parametrize('name', ['baseline', 'permanent_shadow'])
 def test_the_picture_is_the_mean_of_sub_exposures(name):
-    """RMS below 2 % of the range, and well below that of a sharp picture; both cameras.
+    """RMS below 1.6 % of the range, and well below that of a sharp picture; both cameras.
 
     One scenario with the sun and one with the lamp, each with its exposure of a walk; 16 pictures
-    are drawn of each.
+    are drawn of each, of 2 x 2 samples a pixel: edges that jump between pixels are no blur.
     """
     exposure_s = {'baseline': 1e-2, 'permanent_shadow': 20e-3}[name]
     scenario = Scenario.load(name, ['world.size_m=12.8', 'world.surroundings.samples=257',
                                     'render_node.camera.width=320',
-                                    'render_node.camera.height=240'])
+                                    'render_node.camera.height=240',
+                                    'render_node.detail.supersampling=2'])
     world = build_world(scenario.world, 1)
     sensor = dataclasses.replace(LINEAR, exposure_s=exposure_s)
     config = dataclasses.replace(scenario.render_node, lens=CLEAR, sensor=sensor)
@@ -178,8 +179,8 @@ def test_the_picture_is_the_mean_of_sub_exposures(name):
         picture = light(renderer, state)
     span = np.percentile(mean, 99.9)
     error = np.sqrt(np.mean((picture - mean)**2)) / span
-    assert error < 0.02
-    assert error < 0.75 * np.sqrt(np.mean((sharp - mean)**2)) / span
+    assert error < 0.016
+    assert error < 0.6 * np.sqrt(np.mean((sharp - mean)**2)) / span
 
 
 def test_short_paths_are_as_wide_as_they_are_long(pole):

@@ -9,6 +9,7 @@ import math
 import camera_scene as scene
 import numpy as np
 import pytest
+from resolution import against_finer, finer_camera
 import scipy.ndimage
 import worlds
 
@@ -255,3 +256,17 @@ def test_a_picture_too_large_for_the_device_is_refused() -> None:
                           detail=DetailConfig(supersampling=4))
     with pytest.raises(RenderError, match='8192 x 8192 with detail.supersampling 4: .* at most'):
         Renderer(scene.plane(n=33), scene.ROVER, config)
+
+
+@pytest.mark.parametrize('yaw_deg', [0.0, 180.0])
+def test_far_ground_is_as_bright_as_in_a_finer_image(yaw_deg: float) -> None:
+    """Towards a low sun pixels show the dark sides of hills; what is bright behind is hidden."""
+    rough = scene.plane(1025, heights=scene.hills(1025, rms_m=0.05))
+    x = -8.0 * math.cos(math.radians(yaw_deg))
+    states = [RoverPose(scene.pose(x, y, float(rough.height_at((x, y))) + 0.1, yaw_deg))
+              for y in (0.0, 2.0)]
+    config = scene.config(camera=CameraConfig(width=2 * WIDTH, height=2 * HEIGHT),
+                          elevation_deg=6.0, azimuth_deg=0.0)
+    with Renderer(rough, scene.ROVER, config) as renderer:
+        curve = against_finer(renderer, finer_camera(renderer, 4), states, (1.5, 3.5, 7.0, 12.0))
+    np.testing.assert_allclose(curve.ratio, 1.0, atol=0.1)

@@ -46,7 +46,8 @@ class Shot:
     """A frame of a rover in a state, the state that it flows to, and ray casts of some pixels.
 
     frame, then: of both states; pixels: rows and columns; depth, rock, link, normal: as
-    `RayScene.cast` has them; moved: where the points that are hit are in the other state
+    `RayScene.cast` has them; moved: where the points that are hit are in the other state;
+    smooth: (2, h, w) radiance of both states, of 2 x 2 samples a pixel
     """
 
     rig: StereoRig
@@ -62,6 +63,7 @@ class Shot:
     link: np.ndarray
     normal: np.ndarray
     moved: np.ndarray
+    smooth: np.ndarray
 
     def seen(self):
         """Return the (h, w, 3) points of the world that are seen."""
@@ -96,6 +98,9 @@ def view():
         for name in RIGHT_TRUTH:    # alone as beside the left one
             assert np.array_equal(of_right.layer(name), frame.layer(name)), name
         then = drawn.render(other, 0, ('radiance', 'depth'))
+    finer = dataclasses.replace(config, detail=dataclasses.replace(config.detail, supersampling=2))
+    with Renderer(world, SEEN, finer) as drawn:
+        smooth = np.stack([drawn.render(s, 0, ('radiance',)).radiance for s in (state, other)])
     rays = RayScene(world, SEEN)
     rays.place(state)
     T = state.T_world_base @ drawn.rig.T_base_left
@@ -113,7 +118,7 @@ def view():
         moved[link == k] = moved[link == k] @ motion[:3, :3].T + motion[:3, 3]
     rays.place(state)
     return Shot(drawn.rig, drawn.rocks, other, T, frame, then, rays, pixels, depth, rock, link,
-                normal, moved)
+                normal, moved, smooth)
 
 
 def test_truth_of_the_other_camera_is_no_picture_of_it(monkeypatch):
@@ -309,11 +314,14 @@ def test_flow_leads_to_where_kinematics_has_the_same_point(view):
 
 
 def test_flow_warps_one_frame_onto_the_other(view):
-    """What is left between patches of radiance, where both frames see the ground."""
+    """What is left between patches of radiance, where both frames see the ground.
+
+    Of several samples a pixel: edges that jump from pixel to pixel are not what flow tells.
+    """
     flow, depth = view.frame.optical_flow, view.frame.depth_m
     v, u = np.indices(depth.shape, dtype=np.float32)
     x, y = u + flow[..., 0], v + flow[..., 1]
-    warped = cv2.remap(view.then.radiance, x, y, cv2.INTER_CUBIC)
+    warped = cv2.remap(view.smooth[1], x, y, cv2.INTER_CUBIC)
     known = cv2.remap(view.then.depth_m, x, y, cv2.INTER_LINEAR, borderValue=0.0)
     expected = depth + view.frame.scene_flow[..., 2]
     with np.errstate(invalid='ignore'):
@@ -326,7 +334,7 @@ def test_flow_warps_one_frame_onto_the_other(view):
         for left in range(0, CAMERA.width - side, side):
             patch = np.s_[top:top + side, left:left + side]
             if both[patch].mean() > 0.98:
-                errors.append(apart_px(view.frame.radiance[patch], warped[patch]))
+                errors.append(apart_px(view.smooth[0][patch], warped[patch]))
     assert len(errors) > 12
     assert np.linalg.norm(np.mean(errors, axis=0)) < 0.02
     assert np.median(np.linalg.norm(errors, axis=1)) < 0.05
