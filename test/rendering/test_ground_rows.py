@@ -112,10 +112,12 @@ def test_what_is_known_of_the_grid(pixels, smooth):
     facing = (normal * [vx, vy, vz]).sum(axis=0) / np.linalg.norm(normal, axis=0)
     shaped = np.clip(5.0 - 5.0 * np.hypot(x, y) / 1.5, 0.0, 1.0)
     foot = np.minimum(size / np.maximum(np.maximum(facing, shaped), 0.02), 12.0 * size)
-    # Across the sun a third of the length of a pixel, in octaves over its width, does not count.
+    # Across the sun a third of the length of a pixel, in octaves over its width, does not count;
+    # of one that is more than eight times as long as wide less than that.
     across = (vx * SUN[1] - vy * SUN[0])**2 / (vx**2 + vy**2)
-    octaves = np.log2(foot / size) * (1.0 - 0.34 * across)
-    wanted = np.minimum(mip(np.log2(size) + octaves + FINE + 0.05), 8.0)
+    octaves = np.log2(foot / size) * (
+        1.0 - 0.34 * across * np.minimum(2.0 - foot / size / 8.0, 1.0))
+    wanted = np.minimum(mip(np.log2(size) + octaves + FINE - 0.05), 8.0)
     np.testing.assert_allclose(detail, wanted, atol=2e-3)
     angle = expected[:, 2] / expected[:, 3]
     width = np.full(N, RADIUS)
