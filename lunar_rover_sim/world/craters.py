@@ -11,7 +11,6 @@ import functools
 
 import numpy as np
 from numpy.typing import NDArray
-import scipy  # its parts when they are used
 
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.frames import Array
@@ -114,10 +113,12 @@ def keep_clear(craters: Craters, config: CraterConfig, radius_m: float,
 
 def survivors(craters: Craters, coarser: Craters) -> Craters:
     """Return the craters that no younger crater of a coarser level has erased."""
+    # Here, because SciPy takes time to import, and most programs make no craters.
+    from scipy.spatial import cKDTree
     alive = np.ones(len(craters), bool)
     if len(craters) and len(coarser):
         younger = coarser.select(coarser.time < craters.time.max())
-        tree = scipy.spatial.cKDTree(craters.position_m)
+        tree = cKDTree(craters.position_m)
         inside = tree.query_ball_point(younger.position_m, 0.55 * younger.diameter_m)
         for time, near in zip(younger.time, inside):
             alive[near] &= craters.time[near] <= time
@@ -171,6 +172,7 @@ def profile_table(config: CraterConfig) -> ProfileTable:
     dh/dt = kappa (h'' + h' / r), in units of the radius (Fassett & Thomson 2014), solved by
     implicit finite volumes, which conserve volume.
     """
+    from scipy.linalg import solve_banded       # as in `survivors`
     step = RADII[1]
     n = len(RADII)
     # Finite volumes on rings: faces at r +- step/2; no flux through the centre and the far end.
@@ -189,7 +191,7 @@ def profile_table(config: CraterConfig) -> ProfileTable:
         band[1, 1:] += dt * conductance
         band[0, 1:] = -dt * conductance
         band[2, :-1] = -dt * conductance
-        h = scipy.linalg.solve_banded((1, 1), band, area * h)
+        h = solve_banded((1, 1), band, area * h)
         heights.append(h)
         times.append(times[-1] + dt)
         dt *= 1.03

@@ -20,7 +20,7 @@ def test_a_bag_is_played_with_transforms(tmp_path: Path) -> None:
     items = synthetic_bag.drive(0.5, only=[topics.ODOM, topics.WORLD_HASH])
     path = synthetic_bag.write(tmp_path / 'bag', items)
     port, times = free_port(), list[float]()
-    player = threading.Thread(target=replay, args=(path, port, 1.0, None, False, times.append))
+    player = threading.Thread(target=replay, args=(path, port, 1.0, None, times.append))
     player.start()
     with client(port) as one:
         one.subscribe('/tf', 8)
