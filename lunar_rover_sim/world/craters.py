@@ -172,7 +172,7 @@ def profile_table(config: CraterConfig) -> ProfileTable:
     dh/dt = kappa (h'' + h' / r), in units of the radius (Fassett & Thomson 2014), solved by
     implicit finite volumes, which conserve volume.
     """
-    from scipy.linalg import solve_banded       # as in `survivors`
+    from scipy.linalg import solve_banded  # as in `survivors`
     step = RADII[1]
     n = len(RADII)
     # Finite volumes on rings: faces at r +- step/2; no flux through the centre and the far end.

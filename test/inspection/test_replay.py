@@ -1,5 +1,6 @@
 """A bag played to a client of the live view."""
 
+import contextlib
 from pathlib import Path
 import threading
 
@@ -19,8 +20,17 @@ def test_a_bag_is_played_with_transforms(tmp_path: Path) -> None:
     """A client gets each odometry with its stamp, and the tf that the bag lacks."""
     items = synthetic_bag.drive(0.5, only=[topics.ODOM, topics.WORLD_HASH])
     path = synthetic_bag.write(tmp_path / 'bag', items)
-    port, times = free_port(), list[float]()
-    player = threading.Thread(target=replay, args=(path, port, 1.0, None, times.append))
+    port, times, seen = free_port(), list[float](), threading.Event()
+
+    def on_time(now_s: float) -> None:
+        times.append(now_s)
+        if seen.is_set():
+            raise StopIteration     # it would go on over and over
+
+    def play() -> None:
+        with contextlib.suppress(StopIteration):
+            replay(path, port, on_time=on_time)
+    player = threading.Thread(target=play, daemon=True)
     player.start()
     with client(port) as one:
         one.subscribe('/tf', 8)
@@ -36,5 +46,6 @@ def test_a_bag_is_played_with_transforms(tmp_path: Path) -> None:
             else:
                 (transform,) = store.deserialize_cdr(data, topics.TF.type).transforms
                 assert transform.child_frame_id == 'base_link'
-    player.join(30)
+        seen.set()
+        player.join(30)
     assert times and not player.is_alive()
