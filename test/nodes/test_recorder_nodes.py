@@ -232,8 +232,8 @@ def test_two_rovers_share_one_time(tmp_path: Path, world_folder: Path, domain: i
         for k, rover in enumerate(rovers):
             scenario = resolve(Scenario.load('flat', [
                 *rover_overrides(rovers, rover), f'physics_node.start.y_m={k}',
-                'run.nodes=[physics_node, gait_controller_node, recorder_node]',
-                'physics_node.ground.model=rigid'], duration_s=0.5))
+                'run.nodes=[physics_node, gait_controller_node, recorder_node]'],
+                duration_s=0.5))
             folder = tmp_path / rover
             for plan in prepare(scenario, folder, world_folder):
                 arguments = plan.ros_arguments(folder / SCENARIO_FILE)
