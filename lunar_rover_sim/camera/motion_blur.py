@@ -96,9 +96,8 @@ class MotionBlur:
         at_rest = Movement([MovingBody(CameraTwist(np.zeros(3), np.zeros(3)))], np.zeros(3), 1.0)
         dark, nowhere = np.zeros((1, 1), np.float32), np.zeros((1, 1), np.uint8)
         self._gather(dark, nowhere, dark, dark, at_rest, 0.0, 1, None)
-        pair = np.zeros((2, 2), np.float32)
-        _along_arcs(0, 0, pair, pair, *self._of_pinhole(at_rest.bodies[0].twist, 0.0), 1,
-                    np.float32(_STEP_PX), pair)
+        _along_arcs(0, 0, dark, dark, *self._of_pinhole(at_rest.bodies[0].twist, 0.0), 1,
+                    np.float32(_STEP_PX), dark)
 
     def is_seen(self, movement: Movement, exposure_s: float) -> bool:
         """Return whether anything moves far enough during an exposure to be seen."""

@@ -173,9 +173,8 @@ def _tartanair_truth(left: Path, scale: float) -> F32 | None:
 def _bag_pairs(path: Path, most: int) -> Iterator[GreyPair]:
     with open_bag(path) as bag:
         linear = RecordedRun(bag).scenario.get('render_node', 'sensor.companding') == 'linear'
-        wanted = [t for t in (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.TRUE_DEPTH)
-                  if bag.has(t.name)]
-        scale = _bag_scale(bag) if topics.TRUE_DEPTH in wanted else 0.0
+        wanted = topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.TRUE_DEPTH
+        scale = _bag_scale(bag) if bag.has(topics.TRUE_DEPTH.name) else 0.0
         stamps = [m.time_ns for m in bag.raw([topics.LEFT_IMAGE.name])]
         for stamp in spread(stamps, most):
             found = {topic: picture(bag, message).pixels
