@@ -14,6 +14,7 @@ from launch.substitutions import LaunchConfiguration
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.run.plan import check_launch_arguments, rover_overrides
+from lunar_rover_sim.run.scenario import Scenario
 
 _ARGUMENTS = {
     'rovers': ('rover1 rover2', 'namespaces of the rovers'),
@@ -40,11 +41,13 @@ def _start(context):
     except ValueError:
         raise ConfigError(f'spacing: {values["spacing"]!r} is not valid; valid is a number') \
             from None
+    overrides = [text.strip() for text in values['set'].split(';') if text.strip()]
+    recorded = 'recorder_node' in Scenario.load(values['scenario'], overrides).run.nodes
     groups = []
     for k, rover in enumerate(rovers):
         start_m = (k - (len(rovers) - 1) / 2) * spacing_m
-        settings = [*rover_overrides(rovers, rover), f'physics_node.start.y_m={start_m}',
-                    values['set']]
+        settings = [*rover_overrides(rovers, rover, recorded),
+                    f'physics_node.start.y_m={start_m}', *overrides]
         groups.append(GroupAction([IncludeLaunchDescription(
             PythonLaunchDescriptionSource(str(Path(__file__).with_name('sim.launch.py'))),
             launch_arguments=[('namespace', rover), ('output', str(folder / rover)),

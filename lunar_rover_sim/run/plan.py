@@ -414,20 +414,28 @@ def check_launch_arguments(given: Iterable[str], valid: Collection[str]) -> None
                 raise ConfigError(f'{name}: no such launch argument; did you mean {near[0]}?')
 
 
-def rover_overrides(rovers: Sequence[str], rover: str) -> list[str]:
+def rover_overrides(rovers: Sequence[str], rover: str, recorded: bool) -> list[str]:
     """Return the overrides of a scenario, `section.parameter=value`, for one of several rovers.
 
     Each rover of a graph is in a namespace, with its own physics, on a world of its own that
     equals that of the others: rovers neither touch nor see each other. Each physics_node waits for
     the joint states of all others as for any participant. So in lockstep all have the same
     simulated time after every state; in real time they start together and follow the wall clock.
-    The first publishes /clock for all.
+    The first publishes /clock for all, and begins when the recorders of all have subscribed it.
 
     Args:
         rovers: The namespaces of all rovers, without slashes.
         rover: One of them.
+        recorded: Each rover has a recorder.
     """
-    others = [f'/{other}/{topics.JOINT_STATES.name}' for other in rovers if other != rover]
-    return [f'physics_node.wait.topics=[{", ".join(others)}]',
-            f'physics_node.wait.lags_s=[{", ".join(["0.0"] * len(others))}]',
-            f'physics_node.publish_clock={str(rover == rovers[0]).lower()}']
+    others = [other for other in rovers if other != rover]
+    states = [f'/{other}/{topics.JOINT_STATES.name}' for other in others]
+    overrides = [f'physics_node.wait.topics=[{", ".join(states)}]',
+                 f'physics_node.wait.lags_s=[{", ".join(["0.0"] * len(states))}]',
+                 f'physics_node.publish_clock={str(rover == rovers[0]).lower()}']
+    if recorded:
+        # A recorder tells that it is there when it has subscribed what participants publish.
+        awaited = ([f'/{other}/{topics.RECORDED.name}' for other in others]
+                   if rover == rovers[0] else [topics.CLOCK.graph_name])
+        overrides.append(f'participants=[{", ".join(awaited)}]')
+    return overrides

@@ -224,22 +224,25 @@ def test_a_scenario_holds_under_another_name(peer: Peer) -> None:
     assert (speed.double_value, seed.integer_value) == (0.05, 1)
 
 
-def test_two_rovers_share_one_time(tmp_path: Path, world_folder: Path, domain: int) -> None:
-    """Each has its bag; all stamps are there, and one clock."""
+def test_two_rovers_share_one_time(tmp_path: Path, world_folder: Path, peer: Peer) -> None:
+    """Each has its bag; all stamps are there, and one clock, though a recorder comes late."""
     rovers = ['rover1', 'rover2']
-    processes = []
+    commands, processes = [], []
+    for k, rover in enumerate(rovers):
+        scenario = resolve(Scenario.load('flat', [
+            *rover_overrides(rovers, rover, recorded=True), f'physics_node.start.y_m={k}',
+            'run.nodes=[physics_node, gait_controller_node, recorder_node]',
+            'physics_node.ground.model=rigid'], duration_s=0.5))
+        folder = tmp_path / rover
+        for plan in prepare(scenario, folder, world_folder):
+            commands.append((plan.name, [
+                sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', plan.name,
+                *plan.ros_arguments(folder / SCENARIO_FILE), '-r', f'__ns:=/{rover}']))
     try:
-        for k, rover in enumerate(rovers):
-            scenario = resolve(Scenario.load('flat', [
-                *rover_overrides(rovers, rover), f'physics_node.start.y_m={k}',
-                'run.nodes=[physics_node, gait_controller_node, recorder_node]'],
-                duration_s=0.5))
-            folder = tmp_path / rover
-            for plan in prepare(scenario, folder, world_folder):
-                arguments = plan.ros_arguments(folder / SCENARIO_FILE)
-                processes.append((plan.name, subprocess.Popen(
-                    [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', plan.name,
-                     *arguments, '-r', f'__ns:=/{rover}'])))
+        for name, command in commands[:-1]:
+            processes.append((name, subprocess.Popen(command)))
+        peer.spin_until(lambda: bool(peer.node.count_publishers('/rover1/recorder/written')))
+        processes.append((commands[-1][0], subprocess.Popen(commands[-1][1])))
         for wanted in ('physics_node', 'gait_controller_node', 'recorder_node'):
             for name, process in processes:
                 if name == wanted:
