@@ -98,8 +98,10 @@ class GroundPicture:
             parts = self._parts.values()
             for part in parts:
                 part.allocate()
-            self._workers.map(self._draw, [(part, row) for part in parts
-                                           for row in part.first_rows()])
+            # Rows of both eyes show the same ground one after the other: its texels are at hand.
+            self._workers.map(self._draw, sorted(
+                ((part, row) for part in parts for row in part.first_rows()),
+                key=lambda task: task[1]))
             self.images = {key: part.image for key, part in self._parts.items()}
 
     def _draw(self, part: Part, row: int) -> None:
