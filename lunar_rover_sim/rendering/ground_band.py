@@ -84,6 +84,7 @@ class Band:
         # A little apart: arrays at a power of two push each other out of the cache.
         memory = np.zeros((len(_NUMBERS), n + 16), np.float32)
         self._of = {name: row[:n] for name, row in zip(_NUMBERS, memory)}
+        self._lists: dict[str, list[F32]] = {}
         self._bytes = np.zeros((3, n), np.uint8)
         self._words = np.zeros((2, n), np.uint16)
 
@@ -93,7 +94,9 @@ class Band:
         return 2 * max(_PIXELS // (2 * COLUMNS * -(-width // COLUMNS)), 1)
 
     def _get(self, names: str) -> list[F32]:
-        return [self._of[name] for name in names.split()]
+        if names not in self._lists:
+            self._lists[names] = [self._of[name] for name in names.split()]
+        return self._lists[names]
 
     def draw(self, image: GroundImage, row: int, view: ViewNumbers, relief: ReliefShape,
              tracks: F32, sources: list[GroundSource], lists: CraterLists | None) -> None:
@@ -107,7 +110,7 @@ class Band:
         centre = np.array([*view.middle, relief.reach_m], np.float32)
         wants_truth = image.label is not None
         place(view.numbers, image.depth_m, row, self.rows, *self._get('depth x y z vx vy vz'))
-        if not self._meets(tracks):
+        if any(source.tracks is not None for source in sources) and not self._meets(tracks):
             sources = [dataclasses.replace(source, tracks=None) for source in sources]
         for number, source in enumerate(sources):
             if image.radiance is not None:
