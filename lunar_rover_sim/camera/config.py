@@ -108,8 +108,8 @@ class SensorConfig(Parameters):
     """
 
     encoding: str = param('mono8', 'pixel format of the images; mono: no colour filters; bayer: '
-                          'one colour a pixel, as read; rgb8: bayer_rggb8, interpolated as '
-                          'image_proc does it (VNG)', choices=ENCODINGS)
+                          'one colour a pixel, as read; rgb8: bayer_rggb8, interpolated (Malvar, '
+                          'He and Cutler)', choices=ENCODINGS)
     bits: int = param(12, 'resolution of the converter',
                       low=8, high=16)
     companding: str = param(

@@ -3,6 +3,7 @@
 import dataclasses
 
 import camera_scene as scene
+import cv2
 import numpy as np
 import pytest
 
@@ -127,6 +128,27 @@ def test_rgb8_is_the_interpolated_mosaic_and_places_are_kept():
     for k in range(3):
         place = [(axis * seen[..., k]).sum() / seen[..., k].sum() for axis in (u, v)]
         assert place == pytest.approx([30.3, 31.6], abs=0.05)
+
+
+@pytest.mark.parametrize('kind', [np.uint8, np.uint16])
+def test_colours_behind_a_mosaic_are_met(kind):
+    """Even slopes exactly; stones behind a low-pass filter within half of bilinear errors."""
+    v, u = np.indices((63, 64))
+
+    def mosaic_of(colours):
+        which = (v & 1) + (u & 1)
+        return np.take_along_axis(colours, which[..., None], axis=2)[..., 0].astype(kind)
+
+    slopes = np.stack([20 + u, 30 + 2 * v, 90 - u + v], axis=-1)
+    np.testing.assert_array_equal(interpolated(mosaic_of(slopes))[2:-2, 2:-2],
+                                  slopes[2:-2, 2:-2])
+    stones = np.where(np.random.default_rng(3).random((63, 64)) < 0.05, 180.0, 80.0)
+    spots = np.array([0.25, 0.5, 0.25])
+    colours = np.rint(cv2.sepFilter2D(stones, -1, spots, spots)[..., None] * [1.1, 1.0, 0.9])
+    seen = mosaic_of(colours)
+    ours, theirs = (np.std((image - colours)[3:-3, 3:-3]) for image in (
+        interpolated(seen), cv2.demosaicing(seen, cv2.COLOR_BayerRGGB2RGB)))
+    assert ours < 0.5 * theirs
 
 
 def test_sixteen_bits_are_interpolated_too():
