@@ -35,13 +35,13 @@ class LitImage:
             and the rover are negative.
         link: (h, w) 0, or 1 + the index of the link of the rover that a pixel shows; None where
             no link is seen.
-        tint: (h, w, 2) its colour, as `sensor.Tint`; None for sensors without colour.
+        tint: (h, w) its colour, as `sensor.Tint`; None for sensors without colour.
     """
 
     radiance: F32
     depth_m: F32
     link: NDArray[np.uint8] | None = None
-    tint: NDArray[np.uint16] | None = None
+    tint: NDArray[np.uint32] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,8 +140,7 @@ class Development:
             mean = self._blur.mean(image.radiance, image.depth_m, movements[side],
                                    self.exposure_s, image.link)
             passed = self._lens.passed_on(mean, image.depth_m, sun, side)
-            tint = None if image.tint is None else Tint(image.tint, np.divide(
-                mean, np.maximum(passed, 1e-9), dtype=np.float32))
+            tint = None if image.tint is None else Tint(image.tint, mean)
             result[side] = self._chip.pixels(passed, side, self.exposure_s, frame_index, tint)
         if self._auto is not None:
             self._auto.follow(result[first], self.inside(lit[first].depth_m))

@@ -18,6 +18,7 @@ TINT_ONE = 0.25     # of full scale: how a drawn tint stores a ratio of 1
 
 _ZERO, _HALF, _ONE, _TWO, _FOUR, _FIVE, _SIX = (np.float32(x) for x in (0, 0.5, 1, 2, 4, 5, 6))
 _EIGHTH, _THREE_HALVES = np.float32(0.125), np.float32(1.5)
+_PER_CODE = np.float32(1.0 / (TINT_ONE * 65535.0))
 
 
 def interpolated(mosaic: NDArray[Any]) -> NDArray[Any]:
@@ -88,43 +89,51 @@ def _demosaiced(mosaic, most, planes):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def filtered(first, last, red, green, blue, tint, own, source,  # type: ignore[no-untyped-def]
-             sensitivity, power, dark, result):
+def filtered(first, last, red, green, blue, tint, own, whole,  # type: ignore[no-untyped-def]
+             source, sensitivity, power, dark, result):
     """Fill in rows of the (h, w) electrons behind the filters of a mosaic.
 
-    What a lens veils over the image is light of the sun: only the share `own` has the tint.
+    What a lens veils over the image is light of the sun: only the share of `own` has the tint.
 
     Args:
         red: (h, w) light of the red image, as electrons of a green pixel.
         green: That of the green one.
         blue: That of the blue one.
-        tint: (H, W, 2) uint16 red and blue over green of what is drawn, as `TINT_ONE` stores them;
-            0 is the sky, whose lights are white.
-        own: (H, W) float32 share of the light that comes from what is drawn.
+        tint: (H, W) as `sensor.Tint`; 0 is the sky, whose lights are white.
+        own, whole: (H, W) radiance that comes from what is drawn, and all of it.
         source: (h, w, 2) column and row in `tint` of each pixel; (0, 0, 2): they are the same.
         sensitivity: (2,) electrons of red and blue pixels over those of green ones.
         power: (2,) of the ratios in `tint`, for responses that are not the default ones.
         dark: Dark signal of each pixel [e-].
     """
-    w = green.shape[1]
-    moved = len(source) > 0
-    scale, one = np.float32(1.0 / (0.25 * 65535.0)), np.float32(1.0)
+    w, moved = green.shape[1], len(source) > 0
+    least = np.float32(1e-9)
+    codes, owns, wholes = np.empty(w, np.uint32), np.empty(w, np.float32), np.empty(w, np.float32)
+    rows = np.empty((3, w + 1), np.float32)
+    ratio, odd, share = rows[0, :w], rows[1], rows[2, :w]
+    for c in range(w + 1):
+        odd[c] = np.float32(c & 1)
     for r in range(first, last):
-        for c in range(w):
-            kind = (r & 1) + (c & 1)
-            if kind == 1:
-                result[r, c] = green[r, c] + dark
-                continue
-            k = kind >> 1
-            y, x = r, c
-            if moved:
+        if moved:
+            for c in range(w):
                 x, y = int(source[r, c, 0] + 0.5), int(source[r, c, 1] + 0.5)
-            code = tint[y, x, k]
-            ratio = one
-            if code > 0:
-                ratio = np.float32(code) * scale
-                if power[k] != one:
-                    ratio = ratio**power[k]
-                ratio = one + (ratio - one) * own[y, x]
-            light = red[r, c] if k == 0 else blue[r, c]
-            result[r, c] = light * ratio * sensitivity[k] + dark
+                codes[c], owns[c], wholes[c] = tint[y, x], own[y, x], whole[y, x]
+            code, light, total = codes, owns, wholes
+        else:
+            code, light, total = tint[r], own[r], whole[r]
+        k = r & 1
+        shift = np.uint32(16 * k)
+        for c in range(w):
+            ratio[c] = np.float32(np.int32((code[c] >> shift) & np.uint32(0xffff))) * _PER_CODE
+        if power[k] != _ONE:
+            for c in range(w):
+                ratio[c] = ratio[c]**power[k]
+        for c in range(w):
+            share[c] = light[c] / max(total[c], least)
+        for c in range(w):
+            ratio[c] = _ONE + (ratio[c] - _ONE) * share[c] if ratio[c] > _ZERO else _ONE
+        mine, others, out, coloured = blue[r] if k else red[r], green[r], result[r], odd[1 - k:]
+        sensitive = sensitivity[k]
+        for c in range(w):
+            seen = mine[c] * ratio[c] * sensitive
+            out[c] = (seen if coloured[c] > _HALF else others[c]) + dark

@@ -137,12 +137,12 @@ class Tint(NamedTuple):
     """The colour of what a camera sees.
 
     Attributes:
-        codes: (h, w, 2) uint16 red and blue over green of the default responses, as
-            `mosaic.TINT_ONE` stores them; 0 where nothing is drawn.
-        own: (h, w) float32 share of the light that comes from what is seen, and not from the veil.
+        codes: (h, w) uint32 red and blue over green of the default responses, in the lower and
+            the upper 16 bits, as `mosaic.TINT_ONE` stores them; 0 where nothing is drawn.
+        own: (h, w) radiance that comes from what is seen, and not from the veil [W m-2 sr-1].
     """
 
-    codes: NDArray[np.uint16]
+    codes: NDArray[np.uint32]
     own: F32
 
 
@@ -195,7 +195,7 @@ class ImageSensor:
             tint: Of what is seen, for colour sensors; None: all is grey.
         """
         model, c = self._model, self._model.config
-        dark = np.float32(c.dark_current_e_s * exposure_s)
+        dark, whole = np.float32(c.dark_current_e_s * exposure_s), radiance
         if model.colour and c.low_pass_filter:
             radiance = np.asarray(cv2.sepFilter2D(radiance, -1, _FOUR_SPOTS, _FOUR_SPOTS,
                                                   borderType=cv2.BORDER_REPLICATE), np.float32)
@@ -207,10 +207,10 @@ class ImageSensor:
             green = collect(source, np.float32(0.0))
             red, blue = ((collect(shown, np.float32(0.0)) for shown in self._sources[side])
                          if self._sources else (green, green))
-            tint = tint or Tint(np.zeros((*radiance.shape, 2), np.uint16), radiance)
+            tint = tint or Tint(np.zeros(whole.shape, np.uint32), whole)
             electrons = np.empty(green.shape, np.float32)
             self._workers.rows(
-                filtered, len(electrons), red, green, blue, tint.codes, tint.own,
+                filtered, len(electrons), red, green, blue, *tint, whole,
                 np.zeros((0, 0, 2), np.float32) if source is None else source,
                 (model.bands[[0, 2]] / model.bands[1]).astype(np.float32),
                 model.powers.astype(np.float32), dark, electrons)
@@ -383,8 +383,10 @@ def _convert(first, last, electrons, offset, normal, key, shot,  # type: ignore[
             number = (min(e, well) + pattern[c]) * per_electron + black
             numbers[c] = min(max(np.floor(number + half), zero), largest)
         if balanced:
+            even, odd = balance[r & 1, 0], balance[r & 1, 1]
             for c in range(w):
-                number = np.floor(black + (numbers[c] - black) * balance[r & 1, c & 1] + half)
+                gain = odd if c & 1 else even
+                number = np.floor(black + (numbers[c] - black) * gain + half)
                 numbers[c] = min(number, largest)
         if root:
             for c in range(w):

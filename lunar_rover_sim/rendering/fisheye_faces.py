@@ -154,7 +154,7 @@ class FisheyeFaces:
         colour = any(image.tint is not None for images in lit for image in images.values())
         whole = {side: LitImage(np.zeros(self._size, np.float32), np.zeros(self._size, np.float32),
                                 np.zeros(self._size, np.uint8) if links else None,
-                                np.zeros((*self._size, 2), np.uint16) if colour else None)
+                                np.zeros(self._size, np.uint32) if colour else None)
                  for side in request.lit_sides}
         depth_m = {side: whole[side].depth_m if side in whole else np.zeros(self._size, np.float32)
                    for side in request.sides}

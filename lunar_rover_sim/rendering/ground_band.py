@@ -60,7 +60,7 @@ class GroundImage:
     Attributes:
         depth_m: (h, w), 0 where there is none [m].
         radiance: (h, w), None where it is not lit [W m-2 sr-1].
-        tint: (h, w, 2) as `LitTargets.tint`; None without colour.
+        tint: (h, w) as `sensor.Tint`; None without colour.
         label, crater: (h, w) uint16; None where truth is not asked for, as all that follow.
         normal: (h, w, 3) world axes.
         shadow: (h, w, 3) bytes.
@@ -68,7 +68,7 @@ class GroundImage:
 
     depth_m: F32
     radiance: F32 | None = None
-    tint: NDArray[np.uint16] | None = None
+    tint: NDArray[np.uint32] | None = None
     label: NDArray[np.uint16] | None = None
     crater: NDArray[np.uint16] | None = None
     normal: F32 | None = None
@@ -86,7 +86,7 @@ class Band:
         self._of = {name: row[:n] for name, row in zip(_NUMBERS, memory)}
         self._lists: dict[str, list[F32]] = {}
         self._bytes = np.zeros((3, n), np.uint8)
-        self._words = np.zeros((2, n), np.uint16)
+        self._words, self._tint = np.zeros((2, n), np.uint16), np.zeros(n, np.uint32)
 
     @staticmethod
     def rows_of(width: int) -> int:
@@ -176,9 +176,8 @@ class Band:
             if source.lamp is None:
                 own['of_lamp'][:], own['lamp_g'][:] = 0.0, 0.0
             tint_of(*get('depth x y albedo cos_g lamp_g direct of_lamp whole'), *constants.tint,
-                    *self._words)
-            for k in range(2):
-                spread(self.rows, row, self._words[k], image.tint[..., k], False)
+                    self._tint)
+            spread(self.rows, row, self._tint, image.tint, False)
 
     def _look_up(self, tracks: TrackArrays, *, any_level: bool) -> None:
         prints_of(*self._get('depth x y level'), *tracks, any_level,

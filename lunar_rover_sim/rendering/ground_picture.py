@@ -58,7 +58,7 @@ class Part:
         if self.lit:
             image.radiance = np.zeros(size, np.float32)
         if self.lit and self.colour:
-            image.tint = np.zeros((*size, 2), np.uint16)
+            image.tint = np.zeros(size, np.uint32)
         if self.truth:
             image.label = np.zeros(size, np.uint16)
             image.crater = np.zeros(size, np.uint16)
@@ -155,10 +155,9 @@ def _cover(first, last, ground_depth, ground_radiance, depth,  # type: ignore[no
 
 @compiled
 def _cover_tint(first, last, depth, ground, tint):  # type: ignore[no-untyped-def]
-    """Write the colour of the ground into rows of (h, w, 2) where (h, w) depth is of it."""
+    """Write the colour of the ground into rows of an (h, w) image where depth is of it."""
     w = depth.shape[1]
     for r in range(first, last):
         seen, own, out = depth[r], ground[r], tint[r]
         for c in range(w):
-            for k in range(2):
-                out[c, k] = own[c, k] if seen[c] > _ZERO else out[c, k]
+            out[c] = own[c] if seen[c] > _ZERO else out[c]

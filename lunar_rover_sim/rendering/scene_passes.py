@@ -322,10 +322,11 @@ def _read(canvas: Canvas, index: int, side: int) -> NDArray[np.float32]:
     return read_image(canvas.lit.framebuffer, index, side, size)
 
 
-def _tint(canvas: Canvas, side: int) -> NDArray[np.uint16]:
+def _tint(canvas: Canvas, side: int) -> NDArray[np.uint32]:
     """Return the colour of a camera, as it was lit."""
     size = canvas.projection.height, canvas.projection.width
-    return read_image(canvas.lit.framebuffer, 2, side, size, components=2, kind='nu2')
+    return read_image(canvas.lit.framebuffer, 2, side, size, components=2,
+                      kind='nu2').view('<u4')[..., 0]
 
 
 def _averaged(radiance: NDArray[np.float32], times: int) -> NDArray[np.float32]:
@@ -336,13 +337,15 @@ def _averaged(radiance: NDArray[np.float32], times: int) -> NDArray[np.float32]:
     return radiance.reshape(h // times, times, w // times, times).mean(axis=(1, 3))
 
 
-def _averaged_tint(image: LitImage, times: int) -> NDArray[np.uint16] | None:
+def _averaged_tint(image: LitImage, times: int) -> NDArray[np.uint32] | None:
     """Return the colour of the light of the times x times samples of each pixel."""
     if image.tint is None or times == 1:
         return image.tint
     # The sky has no colour: its light is white.
-    ratio = np.where(image.tint == 0, TINT_ONE * 65535.0, image.tint).astype(np.float32)
+    codes = image.tint[..., None].view(np.uint16)
+    ratio = np.where(codes == 0, TINT_ONE * 65535.0, codes).astype(np.float32)
     light = np.maximum(image.radiance, np.float32(1e-9))
     mean = np.maximum(_averaged(light, times), np.float32(1e-9))
     means = [_averaged(light * ratio[..., k], times) / mean for k in range(2)]
-    return np.rint(np.minimum(np.stack(means, axis=-1), 65535.0)).astype(np.uint16)
+    codes = np.rint(np.minimum(np.stack(means, axis=-1), 65535.0)).astype(np.uint16)
+    return codes.view(np.uint32)[..., 0]

@@ -8,7 +8,7 @@ from lunar_rover_sim.compiled import inlined, vectorised
 from lunar_rover_sim.rendering.row_math import any_positive, CHUNK, exp2, log2, PAGE
 
 _N, _PAGE = CHUNK, PAGE
-_PATCHES, _FRESH, _SUN, _LIT, _PHASE, _LOG = (k * _PAGE for k in range(6))
+_PATCHES, _FRESH, _SUN, _LIT, _PHASE, _LOG, _RED, _X, _Y = (k * _PAGE for k in range(9))
 
 _ZERO, _HALF, _ONE, _THREE = (np.float32(x) for x in (0.0, 0.5, 1.0, 3.0))
 _ACROSS, _ALONG = np.float32(1.0 / 23.0), np.float32(1.0 / 5.0)
@@ -28,23 +28,44 @@ def _corner_value(i, j):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _patch_value(x, y):  # type: ignore[no-untyped-def]
-    """Return the value between the corners of a lattice, -1 to 1."""
-    column, row = np.floor(x), np.floor(y)
-    u, v = x - column, y - row
-    i, j, one = np.int32(column), np.int32(row), np.int32(1)
-    east, north = np.int32(i + one), np.int32(j + one)
-    u, v = u * u * (_THREE - u - u), v * v * (_THREE - v - v)
-    low, high = _corner_value(i, j), _corner_value(i, north)
-    low += u * (_corner_value(east, j) - low)
-    high += u * (_corner_value(east, north) - high)
-    return low + v * (high - low)
+def _add_patches(s, share):  # type: ignore[no-untyped-def]
+    """Add the values between the corners of a lattice, -1 to 1, times a share.
+
+    Args:
+        s: Scratch memory; the places of pixels in the lattice are in two pages.
+    """
+    # Most chunks lie within one cell, whose corners are computed once.
+    i, j = np.floor(s[_X]), np.floor(s[_Y])
+    others = 0
+    for c in range(_N):
+        others += (np.floor(s[_X + c]) != i) + (np.floor(s[_Y + c]) != j)
+    if others == 0:
+        column, row, one = np.int32(i), np.int32(j), np.int32(1)
+        east, north = np.int32(column + one), np.int32(row + one)
+        sw, se = _corner_value(column, row), _corner_value(east, row)
+        nw, ne = _corner_value(column, north), _corner_value(east, north)
+        for c in range(_N):
+            u, v = s[_X + c] - i, s[_Y + c] - j
+            u, v = u * u * (_THREE - u - u), v * v * (_THREE - v - v)
+            low, high = sw + u * (se - sw), nw + u * (ne - nw)
+            s[_PATCHES + c] += share * (low + v * (high - low))
+        return
+    for c in range(_N):
+        i, j = np.floor(s[_X + c]), np.floor(s[_Y + c])
+        u, v = s[_X + c] - i, s[_Y + c] - j
+        column, row, one = np.int32(i), np.int32(j), np.int32(1)
+        east, north = np.int32(column + one), np.int32(row + one)
+        u, v = u * u * (_THREE - u - u), v * v * (_THREE - v - v)
+        low, high = _corner_value(column, row), _corner_value(column, north)
+        low += u * (_corner_value(east, row) - low)
+        high += u * (_corner_value(east, north) - high)
+        s[_PATCHES + c] += share * (low + v * (high - low))
 
 
 @vectorised
 def tint_of(depth, x, y, albedo, cos_sun, cos_lamp,  # type: ignore[no-untyped-def]
-            of_sun, of_lamp, whole, soil, spread, place, lamp, red, blue):
-    """Fill in red and blue over green of each pixel of a band, as `mosaic.TINT_ONE` stores them.
+            of_sun, of_lamp, whole, soil, spread, place, lamp, words):
+    """Fill in red and blue over green of each pixel of a band, as `sensor.Tint`.
 
     Titanium and iron vary in patches of metres to tens of metres; fresh soil, which is brighter,
     is less red. What has been reflected by the ground before has its colour, too.
@@ -57,20 +78,22 @@ def tint_of(depth, x, y, albedo, cos_sun, cos_lamp,  # type: ignore[no-untyped-d
         spread: Of the patches; change with the logarithm of albedo.
         place: Where the patches of this world lie [m].
         lamp: Light of the lamp over that of the sun, logarithms.
-        red, blue: (n,) uint16.
+        words: (n,) uint32.
     """
-    s = np.empty(6 * _PAGE, np.float32)
+    s = np.empty(9 * _PAGE, np.float32)
     moved_x, moved_y = place[0], place[1]
     for c in range(len(depth) // _N):
         i = c * _N
         if not any_positive(depth, i):
             continue
         for j in range(_N):
-            p, q = x[i + j] + moved_x, y[i + j] + moved_y
-            s[_PATCHES + j] = _WIDE * _patch_value(p * _ACROSS, q * _ACROSS)
+            s[_PATCHES + j] = _ZERO
+            s[_X + j], s[_Y + j] = (x[i + j] + moved_x) * _ACROSS, (y[i + j] + moved_y) * _ACROSS
+        _add_patches(s, _WIDE)
         for j in range(_N):
-            p, q = x[i + j] + moved_x, y[i + j] + moved_y
-            s[_PATCHES + j] += _NARROW * _patch_value(q * _ALONG + _MOVED, p * _ALONG + _MOVED)
+            s[_X + j], s[_Y + j] = ((y[i + j] + moved_y) * _ALONG + _MOVED,
+                                    (x[i + j] + moved_x) * _ALONG + _MOVED)
+        _add_patches(s, _NARROW)
         for j in range(_N):
             s[_FRESH + j] = _LOG_2 * log2(max(albedo[i + j], _DARKEST))
         for j in range(_N):
@@ -91,6 +114,9 @@ def tint_of(depth, x, y, albedo, cos_sun, cos_lamp,  # type: ignore[no-untyped-d
             for j in range(_N):
                 code = _QUARTER * exp2(_PER_LOG * s[_LOG + j])
                 s[_LOG + j] = min(max(code, _ZERO), _CODES) + _HALF
-            out = blue if n else red
-            for j in range(_N):
-                out[i + j] = np.uint16(np.int32(s[_LOG + j]))
+            if n == 0:
+                for j in range(_N):
+                    s[_RED + j] = s[_LOG + j]
+        for j in range(_N):
+            words[i + j] = (np.uint32(np.int32(s[_RED + j]))
+                            | np.uint32(np.uint32(np.int32(s[_LOG + j])) << np.uint32(16)))

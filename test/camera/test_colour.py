@@ -30,11 +30,11 @@ def mosaic(config, share=0.3, red=1.0, blue=1.0, own=1.0, lens=LensConfig()):
     model = SensorModel(CAMERA, config, lens)
     light = share * config.full_well_e / (model.electrons_per_radiance_second * 1e-3)
     shape = CAMERA.height, CAMERA.width
-    codes = np.empty((*shape, 2), np.uint16)
-    codes[...] = np.rint(np.array([red, blue]) * TINT_ONE * 65535.0)
+    low, high = np.rint(np.array([red, blue]) * TINT_ONE * 65535.0).astype(np.uint32)
     return ImageSensor(RIG, model, 0).pixels(
         np.full(shape, light, np.float32), 0, 1e-3, 0,
-        Tint(codes, np.full(shape, own, np.float32)))
+        Tint(np.full(shape, low | high << 16, np.uint32),
+             np.full(shape, own * light, np.float32)))
 
 
 def channels(pixels):
