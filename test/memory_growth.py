@@ -24,8 +24,9 @@ from matplotlib.figure import Figure
 import numpy as np
 import psutil
 
+from lunar_rover_sim.files.paths import BAG_FOLDER
 from lunar_rover_sim.nodes.clock_monitor import ClockMonitor
-from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, STOP_ORDER
+from lunar_rover_sim.run.plan import LOG_FOLDER, STOP_ORDER
 from lunar_rover_sim.run.ros_domain import OwnDomain
 
 LIMIT_MIB = 50.0

@@ -26,7 +26,7 @@ from lunar_rover_sim.bag.messages import header_ns, pose_matrix
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.closing import Closing
 from lunar_rover_sim.errors import BagError, one_line
-from lunar_rover_sim.files.paths import check_regular
+from lunar_rover_sim.files.paths import check_regular, recorded_bag
 from lunar_rover_sim.files.yaml_text import FAST_LOADER
 from lunar_rover_sim.parameters import nearest
 
@@ -352,13 +352,13 @@ class Bag(Closing):
 
 
 def open_bag(path: Path | str) -> Bag:
-    """Open a bag folder, or a bare `.mcap` or `.db3` file.
+    """Open a bag folder, the folder of a run, or a bare `.mcap` or `.db3` file.
 
     Raises:
         BagError: If it is missing, no bag, or was cut off and has not been recovered.
     """
     check_path('path', path)
-    return Bag(Path(path))
+    return Bag(recorded_bag(path))
 
 
 def check_files(path: Path) -> None:

@@ -20,8 +20,7 @@ from lunar_rover_sim.campaign.manifest import json_text, read_json
 from lunar_rover_sim.campaign.statistics import MEANINGS
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import counted
-from lunar_rover_sim.run.plan import BAG_FOLDER
+from lunar_rover_sim.files.paths import BAG_FOLDER, counted
 from lunar_rover_sim.sensors.registry import card_contents
 from lunar_rover_sim.sequences.export import FORMATS
 

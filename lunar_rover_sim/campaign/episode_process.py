@@ -24,8 +24,9 @@ from lunar_rover_sim.campaign.manifest import (file_table, FORMAT, MANIFEST, rea
 from lunar_rover_sim.campaign.statistics import statistics
 from lunar_rover_sim.errors import (CampaignError, ConfigError, GraphError, LunarRoverSimError,
                                     one_line, WorldError)
+from lunar_rover_sim.files.paths import BAG_FOLDER
 from lunar_rover_sim.inspection.check import check
-from lunar_rover_sim.run.plan import BAG_FOLDER, resolve
+from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.resumable import record_once
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sequences.export import export

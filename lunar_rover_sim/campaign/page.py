@@ -23,9 +23,9 @@ from lunar_rover_sim.campaign.layout import EPISODES
 from lunar_rover_sim.errors import BagError, CampaignError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.images import read_picture
+from lunar_rover_sim.files.paths import BAG_FOLDER
 from lunar_rover_sim.files.templates import data_uri, template
 from lunar_rover_sim.inspection.bag_pictures import draw_hillshade
-from lunar_rover_sim.run.plan import BAG_FOLDER
 from lunar_rover_sim.sequences.export import FORMATS
 
 THUMBNAILS = 3

@@ -23,8 +23,7 @@ from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES
 from lunar_rover_sim.campaign.manifest import read_json
 from lunar_rover_sim.errors import CampaignError, ConfigError
 from lunar_rover_sim.files.atomic import partial_folder
-from lunar_rover_sim.files.paths import counted
-from lunar_rover_sim.run.plan import BAG_FOLDER
+from lunar_rover_sim.files.paths import BAG_FOLDER, counted
 from lunar_rover_sim.sequences.export import export, WEBDATASET
 from lunar_rover_sim.sequences.shards import check_size, described, index_text, Shard, shard_name
 from lunar_rover_sim.sequences.webdataset import INDEX_FILE, ShardOptions, VOCABULARY_FILE

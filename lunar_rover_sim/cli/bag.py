@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     def add(name: str, text: str, run: options.Run) -> argparse.ArgumentParser:
         command = options.add_action(actions, name, text, run)
-        command.add_argument('bag', type=Path, metavar='BAG', help='a bag folder')
+        options.add_bag(command)
         return command
 
     options.add_json(add('info', 'topics, types, counts and times', _info))

@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f'Error of the elevation and of the flags of rocks in cells of {100 * CELL_M:g} cm, by'
         ' distance from the rover. A rock counts from the height on that the rover does not'
         ' cross; a flag beside it counts as one of it.')
-    parser.add_argument('bag', type=Path, metavar='BAG', help='recording with map/elevation')
+    options.add_bag(parser, 'recording with map/elevation')
     parser.add_argument('--world', type=Path, metavar='FOLDER', help='of the drive, where it is '
                         'not beside the bag or in the cache')
     options.add_number(parser, '--maps', 1, kind=int, default=40,

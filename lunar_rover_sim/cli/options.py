@@ -13,7 +13,8 @@ from typing import Any
 
 from lunar_rover_sim.cli.help_format import HelpFormatter
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.paths import check_folder, check_new_folder, packaged_names
+from lunar_rover_sim.files.paths import (check_folder, check_new_folder, packaged_names,
+                                         recorded_bag)
 
 Check = Callable[[Path], None]
 Run = Callable[[argparse.Namespace], int]
@@ -94,6 +95,11 @@ def add_seed(parser: argparse.ArgumentParser, default: int | None = None,
     """Declare --seed."""
     parser.add_argument('--seed', type=int, default=default, metavar='N',
                         help=help + ('' if default is None else ' (default: %(default)s)'))
+
+
+def add_bag(parser: argparse.ArgumentParser, help: str = 'a bag, or the folder of a run') -> None:
+    """Declare the bag that a command reads."""
+    parser.add_argument('bag', type=recorded_bag, metavar='BAG', help=help)
 
 
 def add_world(parser: Any, help: str = "a world made by `world build`, instead of the scenario's "

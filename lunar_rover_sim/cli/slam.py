@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help='the layout before File.version 1.0')
     command = options.add_action(
         group, 'run', 'run a SLAM program on a bag and evaluate its result', _run)
-    command.add_argument('bag', type=Path, metavar='BAG', help='a bag folder')
+    options.add_bag(command)
     options.add_new_folder(command, 'folder for settings, log and results')
     _add_sensor(command)
     command.add_argument('--keep-sequence', action='store_true', help='keep the exported images')

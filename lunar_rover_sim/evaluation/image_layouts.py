@@ -34,6 +34,7 @@ from lunar_rover_sim.evaluation import polar_layout
 from lunar_rover_sim.evaluation.image_statistics import check_sizes, F32, GreyPair, levels_of
 from lunar_rover_sim.files.arrays import map_array
 from lunar_rover_sim.files.images import read_pixels
+from lunar_rover_sim.files.paths import recorded_bag
 from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.sequences.sensors import CALIBRATION_FILE
@@ -61,11 +62,9 @@ def open_images(path: Path | str) -> ImageSet:
         EvaluationError: If there are no images.
         BagError: If a bag cannot be read.
     """
-    path = Path(path)
+    path = recorded_bag(path)
     if not path.exists():
         raise EvaluationError(f'{path}: there is no such folder or bag')
-    if path.is_dir() and (path / 'bag').is_dir():
-        path = path / 'bag'
     if path.is_file() or any((path / 'metadata.yaml').is_file() or any(path.glob(pattern))
                              for pattern in ('*.mcap', '*.db3')):
         with open_bag(path) as bag:

@@ -13,6 +13,7 @@ import tempfile
 
 from lunar_rover_sim.errors import ConfigError, LunarRoverSimError, nearest
 
+BAG_FOLDER = 'bag'      # of a run's folder
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
@@ -48,6 +49,12 @@ def program_path(name: str) -> Path:
     if not path.is_file():
         raise ConfigError(f'{path}: the packaged program is missing; install the package again')
     return path
+
+
+def recorded_bag(path: Path | str) -> Path:
+    """Return the bag in the folder of a run; any other path as it is."""
+    bag = Path(path, BAG_FOLDER)
+    return bag if bag.is_dir() else Path(path)
 
 
 def packaged_names(kind: str) -> list[str]:

@@ -19,10 +19,10 @@ from launch_ros.actions import Node
 
 from lunar_rover_sim.bag.marker import mark_failed
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.paths import check_new_folder
+from lunar_rover_sim.files.paths import BAG_FOLDER, check_new_folder
 from lunar_rover_sim.run.ending import DONE, Ending
-from lunar_rover_sim.run.plan import (BAG_FOLDER, check_launch_arguments, LOG_FOLDER, prepare,
-                                      resolve, SCENARIO_FILE, with_slam)
+from lunar_rover_sim.run.plan import (check_launch_arguments, LOG_FOLDER, prepare, resolve,
+                                      SCENARIO_FILE, with_slam)
 from lunar_rover_sim.run.scenario import Scenario
 
 _ARGUMENTS = {

@@ -17,12 +17,13 @@ import psutil
 
 from lunar_rover_sim.bag.marker import mark_failed, why_incomplete
 from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.files.paths import BAG_FOLDER
 from lunar_rover_sim.run import node_state
 from lunar_rover_sim.run.child_process import dies_with_parent, signal_name
 from lunar_rover_sim.run.ending import DONE, Ending, RECORDER, Step
 from lunar_rover_sim.run.node_config import LEG_CONTROLLERS
 from lunar_rover_sim.run.node_state import NodeState, StateReader
-from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE
+from lunar_rover_sim.run.plan import LOG_FOLDER, NodePlan, SCENARIO_FILE
 from lunar_rover_sim.run.ros_domain import ros_environment
 
 # The recorder needs this time to finish its bag. After a failure the other nodes have nothing

@@ -17,7 +17,7 @@ from typing import Any
 from lunar_rover_sim import topics
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import make_new_folder
+from lunar_rover_sim.files.paths import BAG_FOLDER, make_new_folder
 from lunar_rover_sim.gait.calibration import packaged_calibration
 from lunar_rover_sim.parameters import replaced
 from lunar_rover_sim.path_following.route import make_route
@@ -31,7 +31,6 @@ from lunar_rover_sim.run.shared_config import WaitConfig
 
 SCENARIO_FILE = 'scenario.yaml'
 ROVER_FILE = 'rover.yaml'
-BAG_FOLDER = 'bag'
 WORLD_LINK = 'world'
 LOG_FOLDER = 'logs'
 

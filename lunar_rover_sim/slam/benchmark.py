@@ -27,8 +27,7 @@ from typing import Any
 from lunar_rover_sim import topics
 from lunar_rover_sim.errors import LunarRoverSimError, SlamError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import lock
-from lunar_rover_sim.run.plan import BAG_FOLDER
+from lunar_rover_sim.files.paths import BAG_FOLDER, lock
 from lunar_rover_sim.run.recording import record, Recording
 from lunar_rover_sim.run.resumable import record_once
 from lunar_rover_sim.run.scenario import Scenario

@@ -10,6 +10,7 @@ import synthetic_bag as synthetic
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import bag_hash, is_skipped, topic_hashes
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.cli.main import main
 
 
 @pytest.fixture(scope='module')
@@ -43,6 +44,16 @@ def test_the_same_messages_have_one_hash_in_any_container_and_order(items, origi
     other = synthetic.write_sqlite(tmp_path / 'other', ordered, compression='zstd')
     assert bag_hash(other) == bag_hash(original)
     assert topic_hashes(other) == topic_hashes(original)
+
+
+def test_the_folder_of_a_run_stands_for_its_bag(original, capsys):
+    assert original.name == 'bag'
+    for path in (original, original.parent):
+        assert main(['bag', 'hash', str(path)]) == 0
+        with open_bag(path) as bag:
+            assert bag.path == original
+    first, second = capsys.readouterr().out.split()
+    assert first == second == bag_hash(original)
 
 
 def test_the_smallest_change_of_one_value_changes_the_hash_of_its_topic(items, original, tmp_path):
