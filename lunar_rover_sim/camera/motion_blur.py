@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import dataclasses
+import functools
 import math
 
 import cv2
@@ -55,7 +56,7 @@ class MovingBody:
     nearness: float = 0.0
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Movement:
     """How a camera moves.
 
@@ -92,6 +93,7 @@ class MotionBlur:
         places = np.stack(np.meshgrid(_GRID * (image.width - 1), _GRID * (image.height - 1)),
                           axis=-1).reshape(-1, 2)
         self._rays = image.rays(places)
+        self._fastest = functools.lru_cache(2)(self._fastest_point)     # of both cameras
         # Compiled now: the first long path may come in the middle of a drive.
         at_rest = Movement([MovingBody(CameraTwist(np.zeros(3), np.zeros(3)))], np.zeros(3), 1.0)
         dark, nowhere = np.zeros((1, 1), np.float32), np.zeros((1, 1), np.uint8)
@@ -101,7 +103,8 @@ class MotionBlur:
 
     def is_seen(self, movement: Movement, exposure_s: float) -> bool:
         """Return whether anything moves far enough during an exposure to be seen."""
-        return self._longest_path(movement, exposure_s * self._blur + self._roll_s) >= _STILL_PX
+        path = self._fastest(movement) * (exposure_s * self._blur + self._roll_s)
+        return path >= _STILL_PX
 
     def mean(self, radiance: F32, depth_m: F32, movement: Movement, exposure_s: float,
              link: NDArray[np.uint8] | None = None) -> F32:
@@ -119,7 +122,7 @@ class MotionBlur:
             (h, w) radiance; the given image itself where nothing moves far enough to be seen.
         """
         exposure_s *= self._blur
-        longest = self._longest_path(movement, exposure_s + self._roll_s)
+        longest = self._fastest(movement) * (exposure_s + self._roll_s)
         if longest < _STILL_PX:
             return radiance
         world, mean = movement.bodies[0].twist, np.empty(radiance.shape, np.float32)
@@ -140,20 +143,20 @@ class MotionBlur:
                          samples, link)
         return mean
 
-    def _longest_path(self, movement: Movement, time_s: float) -> float:
-        """Return about how far points move in the image during a time, at most [px].
+    def _fastest_point(self, movement: Movement) -> float:
+        """Return about how fast points move in the image, at most [px/s].
 
         It is measured at 25 places, where the ground is taken to be level under the rover's feet.
         """
         height = max(movement.height_m, _NEAREST_M)
         ground = np.minimum(np.maximum(self._rays @ movement.down, 0.0) / height,
                             1.0 / _NEAREST_M)
-        longest = 0.0
+        fastest = 0.0
         for body in movement.bodies:
             nearness = np.full(len(self._rays), body.nearness) if body.link else ground
             speed = self._image.image_speed(body.twist, self._rays, nearness)
-            longest = max(longest, float(np.max(speed)) * time_s)
-        return longest
+            fastest = max(fastest, float(np.max(speed)))
+        return fastest
 
     def _of_pinhole(self, twist: CameraTwist, exposure_s: float) -> tuple[F32, F32, F32]:
         """Return focal lengths and centre, turn and shift during the exposure."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -113,10 +114,11 @@ class StrayLight:
 
     def _veiled(self, radiance: F32, stray: Array) -> F32:
         """Return the direct share of radiance, and stray light, known at corners of cells."""
-        result = np.empty(radiance.shape, np.float32)
-        self._workers.rows(_veil, len(result), radiance, stray.astype(np.float32),
-                           np.float32(self._lens.direct_share), _CELL, result)
-        return result
+        h, w = radiance.shape
+        veil = cv2.resize(stray.astype(np.float32), None, fx=_CELL, fy=_CELL)
+        begin = _CELL // 2      # OpenCV interpolates between the middles of cells
+        return np.asarray(cv2.scaleAdd(radiance, self._lens.direct_share,
+                                       veil[begin:begin + h, begin:begin + w]), np.float32)
 
     def _scatter(self, places_px: Array, direction: Array) -> Array:
         """Return the radiance that light of an irradiance of one scatters to pixels."""
@@ -171,29 +173,3 @@ def _cell_sums(first, last, radiance, depth, most, cell, cells):  # type: ignore
                 if far[c] != 0.0:
                     total += min(row[c], most)
             sums[k] += total
-
-
-@compiled
-def _veil(first, last, radiance, stray, direct, cell, result):  # type: ignore[no-untyped-def]
-    """Fill in rows of the direct share of radiance, and stray light between corners of cells."""
-    w = radiance.shape[1]
-    one, half = np.float32(1.0), np.float32(0.5)
-    step = one / np.float32(cell)
-    column, across = np.empty(w, np.int64), np.empty(w, np.float32)
-    for c in range(w):
-        column[c] = c // cell
-        across[c] = (np.float32(c - column[c] * cell) + half) * step
-    row_stray = np.empty(stray.shape[1], np.float32)
-    veil = np.empty(w, np.float32)
-    for r in range(first, last):
-        k = r // cell
-        down = (np.float32(r - k * cell) + half) * step
-        upper, lower = stray[k], stray[k + 1]
-        for j in range(len(row_stray)):
-            row_stray[j] = upper[j] + down * (lower[j] - upper[j])
-        for c in range(w):
-            a = row_stray[column[c]]
-            veil[c] = a + across[c] * (row_stray[column[c] + 1] - a)
-        own, out = radiance[r], result[r]
-        for c in range(w):
-            out[c] = direct * own[c] + veil[c]
