@@ -33,7 +33,7 @@ _NUMBERS = (
     'depth x y z vx vy vz slope_x slope_y lit albedo below around detail level slope_ax slope_ay '
     'slope_bx slope_by horizon_a horizon_b factor of_rover cos_i cos_e cos_g theta more_c sunlit '
     'normal_x normal_y normal_z kept reflectance direct whole lamp lamp_i lamp_g of_lamp print_x '
-    'print_y print_horizon print_seen print_coarse pressed loose beside').split()
+    'print_y print_horizon print_seen print_coarse pressed loose beside zero').split()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,10 +173,9 @@ class Band:
         assert image.radiance is not None
         spread(self.rows, row, own['whole'], image.radiance, add)
         if image.tint is not None and not add:
-            if source.lamp is None:
-                own['of_lamp'][:], own['lamp_g'][:] = 0.0, 0.0
-            tint_of(*get('depth x y albedo cos_g lamp_g direct of_lamp whole'), *constants.tint,
-                    self._tint)
+            lamp_g, of_lamp = ('lamp_g', 'of_lamp') if source.lamp is not None else 2 * ('zero',)
+            tint_of(*get(f'depth x y albedo cos_g {lamp_g} direct {of_lamp} whole'),
+                    *constants.tint, self._tint)
             spread(self.rows, row, self._tint, image.tint, False)
 
     def _look_up(self, tracks: TrackArrays, *, any_level: bool) -> None:

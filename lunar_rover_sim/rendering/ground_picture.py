@@ -55,10 +55,10 @@ class Part:
         projection = self.drawing.projection
         size = projection.height, projection.width
         image = GroundImage(self.depth_m)
-        if self.lit:
-            image.radiance = np.zeros(size, np.float32)
+        if self.lit:    # read where there is ground
+            image.radiance = np.empty(size, np.float32)
         if self.lit and self.colour:
-            image.tint = np.zeros(size, np.uint32)
+            image.tint = np.empty(size, np.uint32)
         if self.truth:
             image.label = np.zeros(size, np.uint16)
             image.crater = np.zeros(size, np.uint16)
