@@ -39,6 +39,7 @@ def coarse(shape: RockShape, vertices: int) -> RockShape:
 
 
 _WORN_FACES = 320       # a hull has fewer
+_SOFT = 0.25            # share of the mean around a vertex in the normal of a broken face
 
 
 # Semi-axes 1. Rocks of a few pixels are octahedra with axes of their own, see octahedron_axes.
@@ -53,6 +54,16 @@ def octahedron_axes(shape: RockShape) -> Array:
     axes = 0.5 * np.ptp(points, axis=0)
     surface = _surface(OCTAHEDRON.vertices * axes, OCTAHEDRON.faces)
     return np.asarray(axes * np.sqrt(_surface(points, shape.faces) / surface))
+
+
+def octahedron_facets() -> F32:
+    """Return (24, 6) corners of the faces of an octahedron, with normals shorter than 1.
+
+    The normal that light is computed with is their sum with that of the face: so each vertex is
+    the same one in four faces.
+    """
+    corners = OCTAHEDRON.vertices[OCTAHEDRON.faces].reshape(-1, 3)
+    return np.concatenate([corners, corners * np.float32(_SOFT / (1.0 - _SOFT))], axis=1)
 
 
 def _surface(vertices: Array, faces: NDArray[np.integer[Any]]) -> float:
@@ -203,7 +214,7 @@ def facets(shape: RockShape) -> F32:
         np.add.at(smooth, shape.faces[:, k], normal * area)
     smooth /= np.linalg.norm(smooth, axis=1, keepdims=True)
     softness = 1.0 if len(shape.faces) >= _WORN_FACES else (
-        0.75 if shape.name.startswith('rounded') else 0.25)
+        0.75 if shape.name.startswith('rounded') else _SOFT)
     mixed = (1.0 - softness) * normal[:, None] + softness * smooth[shape.faces]
     mixed /= np.linalg.norm(mixed, axis=2, keepdims=True)
     return np.concatenate([corners, mixed], axis=2).reshape(-1, 6).astype(np.float32)

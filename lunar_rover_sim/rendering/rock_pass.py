@@ -13,8 +13,8 @@ from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.rendering.context import enable, load_program, release_all
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
-from lunar_rover_sim.rendering.rock_meshes import (facets, library_facets, OCTAHEDRON,
-                                                   octahedron_axes)
+from lunar_rover_sim.rendering.rock_meshes import (library_facets, octahedron_axes,
+                                                   octahedron_facets)
 from lunar_rover_sim.rendering.surface import Surface
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
@@ -86,8 +86,8 @@ class RockPass:
         self._instances: dict[int, moderngl.Buffer] = {}
         self._counts: dict[int, int] = {}
         self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
-        self._vertices = [context.buffer(mesh.tobytes()) for mesh in (
-            *library_facets(shapes, _LEVELS, _COARSE_VERTICES), facets(OCTAHEDRON))]
+        self._meshes = [_mesh(context, corners) for corners in (
+            *library_facets(shapes, _LEVELS, _COARSE_VERTICES), octahedron_facets())]
 
     def prepare_truth(self) -> None:
         """Be able to draw truth from now on; adds to `programs`."""
@@ -170,8 +170,9 @@ class RockPass:
             key = (program.glo, kind)
             if key not in self._arrays:
                 self._arrays[key] = self._context.vertex_array(
-                    program, [(self._vertices[kind], '3f 3f', 'a_position', 'a_normal'),
-                              (self._instances[kind], _INSTANCE, *_NAMES)], skip_errors=True)
+                    program, [(self._meshes[kind].vertices, '3f 3f', 'a_position', 'a_normal'),
+                              (self._instances[kind], _INSTANCE, *_NAMES)],
+                    self._meshes[kind].corners, skip_errors=True)
             self._arrays[key].render(instances=count)
 
     def _visible(self, volume: ViewVolume, focal_px: float,
@@ -188,8 +189,22 @@ class RockPass:
 
     def release(self) -> None:
         """Release the GL objects."""
-        release_all(*self._arrays.values(), *self._instances.values(), *self._vertices,
-                    *self.programs)
+        release_all(*self._arrays.values(), *self._instances.values(),
+                    *(buffer for mesh in self._meshes for buffer in mesh), *self.programs)
+
+
+class _Mesh(NamedTuple):
+    """Vertices, and which of them are the corners of faces."""
+
+    vertices: moderngl.Buffer
+    corners: moderngl.Buffer
+
+
+def _mesh(context: moderngl.Context, corners: F32) -> _Mesh:
+    """Return a mesh of (3 f, 6) corners of faces; the device computes equal ones once."""
+    vertices, index = np.unique(corners, axis=0, return_inverse=True)
+    return _Mesh(context.buffer(vertices.tobytes()),
+                 context.buffer(index.astype(np.int32).tobytes()))
 
 
 @compiled

@@ -18,7 +18,11 @@ uniform Hapke u_rock, u_regolith;
 uniform float u_rough;          // how rough rocks are, and how much soil lies on them; 1 is usual
 
 void main() {
-    vec3 normal = normalize(v_normal);
+    vec3 face = normalize(cross(dFdx(v_relative), dFdy(v_relative)));
+    face = dot(face, v_relative) > 0.0 ? -face : face;
+    // Each vertex of an octahedron is one of four faces: its normal tells how round these look.
+    vec3 rounder = normalize(v_normal + (dot(v_normal, v_normal) < 0.2 ? face : vec3(0.0)));
+    vec3 normal = rounder;
     vec3 view = -normalize(v_relative);
     // Lumps and pits scale with the rock; grain is as fine as that of the ground.
     vec3 facing = abs(v_local);
@@ -45,7 +49,7 @@ void main() {
     float mu0 = dot(normal, u_sun), mu = max(dot(normal, view), 0.02);
     // Lumps beyond the terminator lie in the shadow of the rock itself.
     float lit = disc(v_matter.x / max(v_matter.y, 1e-3), u_sun_radius)
-        * clamp(0.4 + 5.0 * dot(normalize(v_normal), u_sun), 0.0, 1.0);
+        * clamp(0.4 + 5.0 * dot(rounder, u_sun), 0.0, 1.0);
     float sunlit = lit, of_rover = rover_visibility(v_relative);
     lit *= of_rover;
     float reflectance = hapke(lit > 0.0 ? mu0 : 0.0, mu, dot(u_sun, view), u_rock_theta,
@@ -54,7 +58,7 @@ void main() {
                                  * v_around * 0.5 * (1.0 - normal.z));
 #ifdef LAMP
     vec3 to_lamp;
-    float lamp = lamp_irradiance(v_relative, normalize(v_normal), to_lamp);
+    float lamp = lamp_irradiance(v_relative, rounder, to_lamp);
     float lamp_radiance = lamp * hapke(dot(normal, to_lamp), mu, dot(to_lamp, view), u_rock_theta,
                                        v_matter.z, matter);
     o_radiance += lamp_radiance;
@@ -69,9 +73,8 @@ void main() {
               vec3(of_sun, lamp_radiance, o_radiance - of_sun - lamp_radiance));
     o_depth = -dot(v_relative, u_axis);
 #ifdef TRUTH
-    // That of the face: the one that light is computed with is rounder.
-    vec3 face = normalize(cross(dFdx(v_relative), dFdy(v_relative)));
-    tell(16.0 + v_index, 0.0, dot(face, v_relative) > 0.0 ? -face : face);
+    // Light is computed with a rounder one.
+    tell(16.0 + v_index, 0.0, face);
     tell_light(sunlit, of_rover, mu0);
 #endif
 }

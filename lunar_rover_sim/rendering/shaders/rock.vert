@@ -17,8 +17,9 @@ void main() {
     v_local = a_position * length(i_x);
     v_relative = i_position - u_camera + arm;
     // An octahedron has axes of different length.
-    v_normal = normalize(i_x * (a_normal.x / dot(i_x, i_x)) + i_y * (a_normal.y / dot(i_y, i_y))
-                         + i_z * (a_normal.z / dot(i_z, i_z)));
+    v_normal = length(a_normal) * normalize(
+        i_x * (a_normal.x / dot(i_x, i_x)) + i_y * (a_normal.y / dot(i_y, i_y))
+        + i_z * (a_normal.z / dot(i_z, i_z)));
     float up = clamp(0.5 + arm.z / (0.7 * length(i_x)), 0.0, 1.0);
     v_matter = vec3(mix(i_light.xy, i_light.zw, up), i_matter.y);
     v_around = i_matter.x;
