@@ -129,7 +129,7 @@ class ScenePasses(GlOwner):
             {(number, side): (drawing.targets.views[side].numbers, drawing.projection)
              for number, drawing in enumerate(scene.drawings) for side in drawing.sides},
             scene.tracks, shared.workers)
-        scene.shows_rover = shared.body.is_in_view(links, volume)
+        scene.shows_rover = self._sees_rover and shared.body.is_in_view(links, volume)
         scene.lights = [self._choose_lit(source, scene, volume) for source in sources]
         return scene
 
@@ -270,8 +270,7 @@ class ScenePasses(GlOwner):
 
     def _links(self, scene: Scene) -> dict[int, NDArray[np.uint8]]:
         """Return which link of the rover each pixel of a lit scene shows, as `LitImage.link`."""
-        if self._marked is None:
-            return {}
+        assert self._marked is not None
         target, result = self._marked.framebuffer, {}
         for side in scene.request.lit_sides:
             scene.pixels.targets.views[side].bind()
@@ -308,7 +307,7 @@ class ScenePasses(GlOwner):
         other = scene.request.other
         assert other is not None
         links = self._shared.body.poses(other.T_world_base, other.joint_angle_rad)
-        seen = range(len(links)) if self._sees_rover and scene.shows_rover else ()
+        seen = range(len(links)) if scene.shows_rover else ()
         model = FlowModel(K, depth_m, scene.T_world_cameras[LEFT], self._mount.poses(other)[LEFT],
                           [Moved(label == link_label(link), scene.T_world_links[link],
                                  links[link]) for link in seen])

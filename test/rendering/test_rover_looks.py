@@ -8,6 +8,7 @@ from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.rendering import ground_band
 from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rendering.rover_pass import RoverPass
 from lunar_rover_sim.rendering.rover_shadow import RoverShadow
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.rover.visual import CELLS, GLOSS, GOLD, visual_parts
@@ -56,6 +57,23 @@ def test_every_part_has_a_gloss():
     parts = visual_parts(scene.ROVER)
     assert all(part.gloss == GLOSS[part.albedo] for part in parts)
     assert GLOSS[GOLD][1] > 0.5 and GLOSS[CELLS][1] == pytest.approx(0.04)
+
+
+def test_cameras_that_cannot_see_it_do_not_draw_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The pair looks over it, where no link reaches at any angle; a chase camera looks at it."""
+    drawn = []
+    draw = RoverPass.draw
+    monkeypatch.setattr(RoverPass, 'draw', lambda self, *args, **kwargs: drawn.append(
+        draw(self, *args, **kwargs)))
+    world, state = scene.plane(), RoverPose(scene.pose())
+    with Renderer(world, scene.ROVER, scene.config(25.0, 180.0)) as renderer:
+        renderer.render(state, 0, ('left', 'label'))
+        assert not drawn
+        mount = ChaseMount(ChaseConfig(), 180.0, world)
+        camera = renderer.add_camera(ChaseConfig(), mount)
+        mount.follow(state)
+        assert (camera.render(state, 0, ('label',)).label > 1).sum() > 1000
+        assert drawn
 
 
 def test_none_of_it_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
