@@ -17,7 +17,7 @@ from lunar_rover_sim.compiled import compiled, vectorised
 TINT_ONE = 0.25     # of full scale: how a drawn tint stores a ratio of 1
 
 _ZERO, _HALF, _ONE, _TWO, _FOUR, _FIVE, _SIX = (np.float32(x) for x in (0, 0.5, 1, 2, 4, 5, 6))
-_EIGHTH, _THREE_HALVES = np.float32(0.125), np.float32(1.5)
+_EIGHTH, _THREE_HALVES, _LEAST = np.float32(0.125), np.float32(1.5), np.float32(1e-9)
 _PER_CODE = np.float32(1.0 / (TINT_ONE * 65535.0))
 
 
@@ -107,10 +107,8 @@ def filtered(first, last, red, green, blue, tint, own, whole,  # type: ignore[no
         dark: Dark signal of each pixel [e-].
     """
     w, moved = green.shape[1], len(source) > 0
-    least = np.float32(1e-9)
-    codes, owns, wholes = np.empty(w, np.uint32), np.empty(w, np.float32), np.empty(w, np.float32)
-    rows = np.empty((3, w + 1), np.float32)
-    ratio, odd, share = rows[0, :w], rows[1], rows[2, :w]
+    codes, rows = np.empty(w, np.uint32), np.empty((5, w + 1), np.float32)
+    owns, wholes, ratio, share, odd = rows[0, :w], rows[1, :w], rows[2, :w], rows[3, :w], rows[4]
     for c in range(w + 1):
         odd[c] = np.float32(c & 1)
     for r in range(first, last):
@@ -129,7 +127,7 @@ def filtered(first, last, red, green, blue, tint, own, whole,  # type: ignore[no
             for c in range(w):
                 ratio[c] = ratio[c]**power[k]
         for c in range(w):
-            share[c] = light[c] / max(total[c], least)
+            share[c] = light[c] / max(total[c], _LEAST)
         for c in range(w):
             ratio[c] = _ONE + (ratio[c] - _ONE) * share[c] if ratio[c] > _ZERO else _ONE
         mine, others, out, coloured = blue[r] if k else red[r], green[r], result[r], odd[1 - k:]

@@ -219,14 +219,13 @@ class ImageSensor:
         # A different number for each seed, frame and side.
         key = np.random.SeedSequence([self._seed, frame_index % (1 << 63), side])
         result: NDArray[Any] = np.empty(electrons.shape, model.output_type)
-        black, largest = c.black_level, float(model.largest_number)
         self._workers.rows(
             _convert, len(result), electrons, self._offset[side], _normal_samples(),
             np.uint32(key.generate_state(1)[0]),
             np.float32(c.shot_noise), np.float32((c.read_noise_e * c.read_noise)**2),
             np.float32(model.well_e),
-            (np.float32(largest * (1.0 - black) / c.full_well_e),
-             np.float32(black * largest), np.float32(largest)),
+            (np.float32(model.gain_dn_per_e), np.float32(c.black_level * model.largest_number),
+             np.float32(model.largest_number)),
             model.colour, model.balance.astype(np.float32),
             model.companded, np.float32(np.iinfo(model.output_type).max),
             np.float32(model.output_scale[0]), result)
