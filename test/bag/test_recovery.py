@@ -320,3 +320,25 @@ def test_recover_says_when_there_is_nothing_to_do(tmp_path, items):
     (tmp_path / 'empty').mkdir()
     with pytest.raises(BagError, match='neither .mcap nor .db3'):
         recover(tmp_path / 'empty')
+
+
+def test_a_message_outside_of_chunks_is_complete_where_another_record_follows(tmp_path, finished):
+    """As other recorders write them. With a cut in the third, the second may be cut too."""
+    from mcap.reader import make_reader as reader_of
+    from mcap.writer import CompressionType, Writer
+    bag = cut_copy(finished, tmp_path / 'bag', None)
+    file, ends = bag / 'bag.mcap', []
+    with file.open('rb') as stream:
+        schema, channel, message = next(reader_of(stream).iter_messages())
+    with file.open('wb') as stream:
+        writer = Writer(stream, use_chunking=False, compression=CompressionType.NONE)
+        writer.start('ros2')
+        known = writer.register_channel(channel.topic, channel.message_encoding,
+                                        writer.register_schema(schema.name, schema.encoding,
+                                                               schema.data), channel.metadata)
+        for k in range(4):
+            writer.add_message(known, k + 1, message.data, k + 1)
+            ends.append(stream.tell())
+    file.write_bytes(file.read_bytes()[:ends[2] - 1])
+    assert recover(bag) == 1
+    assert len(everything(bag)) == 1

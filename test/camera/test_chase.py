@@ -52,6 +52,21 @@ def test_walk_does_not_shake_it() -> None:
     assert lags[-1] - lags[0] == pytest.approx(0.12 * (0.8 - 0.025), abs=3e-3)
 
 
+def test_it_swings_the_short_way_round() -> None:
+    """A rover turns by large angles, also through west: what is left falls by exp(-t / T)."""
+    mount = ChaseMount(ChaseConfig(smoothing_s=0.7, reference='heading', azimuth_deg=30.0,
+                                   aim_m=0.0), 60.0, scene.plane())
+    mount.follow(pose_at(0.0, 0.0, 0.0))
+    shown_deg = 0.0
+    for k, yaw_deg in enumerate((120.0, -150.0, 100.0, 170.0, -20.0, 150.0, -160.0), 1):
+        mount.follow(pose_at(0.0, 0.0, np.radians(yaw_deg)), k * 500_000_000)
+        left_deg = (yaw_deg - shown_deg + 180.0) % 360.0 - 180.0
+        shown_deg += left_deg * (1.0 - np.exp(-0.5 / 0.7))
+        x, y, _ = mount.T_world_camera[:3, 3]
+        assert np.exp(1j * np.arctan2(y, x)) == pytest.approx(
+            np.exp(1j * np.radians(shown_deg + 30.0)))
+
+
 def test_jump_and_repetition() -> None:
     """The same state again does not move it; a rover that is placed anew is there at once."""
     mount = ChaseMount(ChaseConfig(), 60.0, scene.plane())

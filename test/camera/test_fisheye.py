@@ -114,3 +114,28 @@ def test_frames_of_a_pair() -> None:
     assert [child for _, child, _ in fixed_frames('rear', config)] == [
         'hazard_rear_left_link', 'hazard_rear_left_optical_frame', 'hazard_rear_right_link',
         'hazard_rear_right_optical_frame']
+
+
+@pytest.mark.parametrize('k', [(0.0,) * 4, REAL])
+def test_light_from_beyond_the_image_has_its_place_in_the_image_plane(k) -> None:
+    """Within the limit where it is projected to; beyond it, farther out by the angle.
+
+    Scattered light counts the distance from there, and falls off as the solid angle does not.
+    """
+    camera = FisheyeCamera(HazardCameraConfig(width=200, height=190, horizontal_fov_deg=170.0,
+                                              fisheye_distortion=k))
+    image, turn = FisheyeImage(camera), math.radians(-50.0)
+    edge = camera.focal_px * equidistant.radius(camera.limit_rad, camera.D)
+    pixels = np.array([[(20.0, 30.0), (150.0, 80.0)]])
+    for theta in (0.0, 0.4, 1.2, camera.limit_rad + 0.1, 2.5):
+        direction = np.array([math.sin(theta) * math.cos(turn), math.sin(theta) * math.sin(turn),
+                              math.cos(theta)])
+        place = image.place(direction)
+        beyond = edge + camera.focal_px * (theta - camera.limit_rad)
+        expected = (camera.project(direction) if theta < camera.limit_rad else
+                    camera.K[:2, 2] + beyond * np.array([math.cos(turn), math.sin(turn)]))
+        assert place == pytest.approx(expected, abs=1e-9)
+        apart, light = image.scatter(pixels, direction)
+        assert apart * camera.focal_px == pytest.approx(np.hypot(*(pixels - place).T).T)
+        assert light * camera.falloff(pixels) == pytest.approx(np.ones((1, 2)))
+        assert image.pupil(direction) == 1.0

@@ -72,3 +72,15 @@ def test_the_image_of_the_sun_blurs_the_edge(ghost):
     deviation = math.sqrt((falling * (middle - mean)**2).sum() / falling.sum())
     assert deviation > 0.5 * sun_px
     assert np.abs(np.diff(light)).max() * 4000 / ghost.reach_px(FOCAL_PX) < light.max() / 1.2
+
+
+@pytest.mark.parametrize('focal_px', [60.0, 500.0, 2000.0])
+def test_variances_of_the_edge_add(focal_px):
+    """Of the aberrations, of the disc of the sun across an edge, r^2 / 4, and of a pixel."""
+    for ghost in GHOSTS:
+        sun_px = abs(ghost.place) * math.radians(0.2665) * focal_px
+        deviation2 = (ghost.edge * focal_px)**2 / 5.0 + sun_px**2 / 4.0 + 1.0 / 12.0
+        whole = ghost.radius * focal_px
+        edge = min(math.sqrt(5.0 * deviation2), whole)
+        assert ghost.half_edge_px(focal_px) == pytest.approx(edge, rel=2e-3)
+        assert ghost.reach_px(focal_px) == pytest.approx(whole + edge, rel=2e-3)

@@ -158,3 +158,45 @@ def test_ground_that_passes_behind_a_leg_does_not_mix_with_it():
     for velocity in ((1.1, 0.3, 0.0), (-0.3, -1.1, 0.0)):
         mean = blur().mean(image, DEPTH_M, moving(velocity, (0.0, 0.0, 0.0), leg), 0.1, link)
         np.testing.assert_allclose(mean, image, atol=1e-6)
+
+
+def test_parts_have_the_mean_of_pictures_taken_along_their_own_way():
+    """A wall and a plate before it, which turn and shift otherwise, both rigid and painted.
+
+    Well inside of either, where nothing else comes into view, also while rows are read one after
+    the other.
+    """
+    exposure_s, plate = 0.2, (slice(30, 90), slice(50, 110))
+    link, depth_m = np.zeros((H, W), np.uint8), DEPTH_M.copy()
+    link[plate], depth_m[plate] = 4, 1.5
+    pixels = np.stack(np.meshgrid(np.arange(W), np.arange(H)), axis=-1).astype(float)
+    rays = PinholeImage(K, W, H).rays(pixels.reshape(-1, 2))
+    motions = [(np.array([0.15, 0.3, 0.2]), np.array([0.05, -0.1, 2.0]), 3.0),
+               (np.array([-0.2, 0.1, -0.2]), np.array([-0.1, 0.15, -2.5]), 1.5)]
+
+    def picture(v, w, z_m, t):
+        t = np.reshape(t, (-1, 1))
+        at = Rotation.from_rotvec(w * t).apply(rays)
+        place = v * t + 0.5 * t * t * np.cross(w, v)
+        x, y = (at[:, i] / at[:, 2] * (z_m - place[:, 2]) + place[:, i] for i in (0, 1))
+        return (np.sin(2.0 * np.pi * x / 0.15 / z_m)
+                + np.cos(2.4 * np.pi * y / 0.15 / z_m)).reshape(H, W)
+
+    image = np.where(link > 0, picture(*motions[1], 0.0), picture(*motions[0], 0.0)).astype(
+        np.float32)
+    (v, w, _), (v_plate, w_plate, _) = motions
+    unseen = MovingBody(CameraTwist(np.zeros(3), np.array([1.0, 0.0, 0.0])), 2, 1.0)
+    movement = moving(v, w, unseen, MovingBody(CameraTwist(v_plate, w_plate), 4, 1.0 / 1.5))
+    inside = np.zeros((2, H, W), bool)
+    inside[0] = cv2.dilate(link, np.ones((61, 61), np.uint8)) == 0
+    inside[0, :, :12] = inside[0, :, -12:] = inside[0, :12] = inside[0, -12:] = False
+    inside[1] = cv2.erode(link, np.ones((31, 31), np.uint8)) > 0
+    for line_time_s in (0.0, 2e-4):
+        mean = blur(line_time_s=line_time_s).mean(image, depth_m, movement, exposure_s, link)
+        row_s = np.repeat((np.arange(H) - 59.5) * line_time_s, W)
+        for here, motion in zip(inside, motions):
+            expected = np.mean([picture(*motion, row_s + exposure_s * t)
+                                for t in (np.arange(12) - 5.5) / 12.0], axis=0)
+            assert here.sum() > 500
+            assert np.abs(mean - expected)[here].max() < 0.08
+            assert np.abs(image - expected)[here].max() > 0.3

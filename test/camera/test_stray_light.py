@@ -79,6 +79,19 @@ def test_sunlight_is_conserved(ghosts):
         assert after[0, 5, 5] < 1e-3 * after[0, 138, 149]     # no veil; a ghost across the middle
 
 
+def test_stray_light_is_in_proportion_to_the_light():
+    """Down to a faint one; from behind the camera none comes in."""
+    images = np.zeros((2, 240, 320))
+    images[:, 100:150, 110:180] = 20.0
+    bright, faint = (passed(LensConfig(), share * images, sun_at(80.2, 60.9, (share * E,) * 2))
+                     for share in (1.0, 1e-5))
+    np.testing.assert_allclose(faint * 1e5, bright, rtol=1e-4, atol=1e-3)
+    lens = Lens(LensConfig(), CAMERA)
+    for z in (0.0, -0.1, -1.0):
+        direction = np.array([0.1, 0.0, z])
+        assert lens.beyond_rad(direction) == math.inf and lens.hood(direction) == 0.0
+
+
 def test_scattered_sunlight_has_the_form_of_the_lens():
     config = LensConfig(veil_share=0.0)
     lens, sun = Lens(config, CAMERA), sun_at(80.2, 60.9)

@@ -1,5 +1,6 @@
 """The true surface, and maps of a bag that are off it by what is known."""
 
+import cv2
 import map_bag
 import numpy as np
 import pytest
@@ -93,3 +94,24 @@ def test_a_map_of_it_has_means_of_its_cells():
     height = [surface.heights(np.stack([x + dx, y + dy], axis=-1))[0]
               for dx in (-0.025, 0.025) for dy in (-0.025, 0.025)]
     np.testing.assert_allclose(found.height_m, np.mean(height, axis=0), atol=1e-6)
+
+
+def test_a_picture_of_the_last_map_shows_which_rocks_are_found(folder, tmp_path):
+    """At a height that is too low by 6 cm, which is as dark blue as the scale goes."""
+    def hues(name, **values):
+        bag = map_bag.write(tmp_path / name, rocky(), error_m=-0.06, **values)
+        evaluate_maps(bag, folder, output=tmp_path / f'{name}.png')
+        image = cv2.imread(str(tmp_path / f'{name}.png'))
+        assert image.shape == (550, 1210, 3)
+        right = image[:, 605:].reshape(-1, 3)[:, ::-1].astype(int)
+        # Below the blue end of `coolwarm`, on the left, nothing is as blue.
+        assert (np.abs(image[:, :605, ::-1].astype(int) - (59, 76, 192)).sum(axis=2) < 30).sum() \
+            > 5000
+        return [(np.abs(right - colour).sum(axis=1) < 30).sum()
+                for colour in ((44, 160, 44), (214, 39, 40), (255, 127, 14), (217, 217, 217))]
+
+    green, red, orange, grey = hues('found')
+    # Cells of the flags are smaller than those of the picture: some reach beyond a rock.
+    assert green > 2000 and grey > 5000 and red == 0 and orange < green / 4
+    green, red, orange, grey = hues('missed', flag_rocks=False)
+    assert red > 2000 and grey > 5000 and green == orange == 0

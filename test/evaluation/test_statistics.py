@@ -151,3 +151,26 @@ def test_a_sampled_p_is_never_zero():
 def test_success_of_one_alone_is_a_throw_of_a_coin(first, second, p):
     assert statistics.either_alone_p(first, second) == pytest.approx(p)
     assert statistics.either_alone_p(second, first) == pytest.approx(p)
+
+
+def test_the_interval_of_a_mean_is_that_of_student():
+    """NaN is left out; of nothing nothing is known."""
+    values = np.random.default_rng(3).normal(5.0, 2.0, 200)
+    found = statistics.Mean.of(np.append(values, np.nan))
+    half = stats.t.ppf(0.975, 199) * np.std(values, ddof=1) / np.sqrt(200)
+    assert found.count == 200 and found.value == pytest.approx(np.mean(values))
+    assert found.low == pytest.approx(found.value - half, abs=0.06 * half)
+    assert found.high == pytest.approx(found.value + half, abs=0.06 * half)
+    nothing = statistics.Mean.of(np.array([np.nan]))
+    assert nothing.count == 0 and np.isnan([nothing.value, nothing.low, nothing.high]).all()
+
+
+def test_signed_ranks_by_all_signs():
+    """Of six differences with other sizes, all 64 choices of signs are as likely."""
+    differences = np.array([1.0, 2.5, -0.3, 4.0, -1.7, 6.0])
+    ranks = stats.rankdata(np.abs(differences))
+    sums = np.array([ranks @ signs for signs in itertools.product((0.0, 1.0), repeat=6)])
+    observed = ranks @ (differences > 0)
+    p = np.mean(np.abs(sums - 10.5) >= abs(observed - 10.5))
+    assert statistics.signed_rank_p(differences) == pytest.approx(p)
+    assert statistics.signed_rank_p(np.zeros(6)) == 1.0

@@ -231,7 +231,26 @@ def test_velocities_are_in_world_axes() -> None:
         assert flown.angular_velocity_radps[2] == pytest.approx(0.5, abs=0.05)
 
 
+def test_the_imu_feels_weight_at_rest_and_nothing_in_flight() -> None:
+    """Whatever the interval; but the circle on which it turns about the centre of mass."""
+    with simulate(make_world(np.zeros((121, 121)))) as simulation:
+        for steps in (1, 5, 20):
+            state = simulation.advance(steps)
+            np.testing.assert_allclose(state.specific_force_mps2, [0.0, 0.0, GRAVITY], atol=0.03)
+            np.testing.assert_allclose(state.imu_rate_radps, 0.0, atol=0.01)
+        state = simulation.move([0.0, 0.0, 1.0], YAW_90, [0.3, 0.0, 0.0], [0.1, -0.2, 0.5])
+        np.testing.assert_allclose(state.angular_velocity_radps, [-0.2, -0.1, 0.5])
+        np.testing.assert_allclose(state.linear_velocity_mps, [0.0, -0.3, 0.0], atol=1e-12)
+        for steps in (1, 5, 20):
+            state = simulation.advance(steps)
+            assert np.abs(state.specific_force_mps2).max() < 0.1
+            np.testing.assert_allclose(state.imu_rate_radps, [-0.2, -0.1, 0.5], atol=0.02)
+
+
 @pytest.mark.parametrize(('given', 'said'), [
+    *(({name: [0.0] * wrong}, f'valid is {count} finite numbers')
+      for name, count in (('position_m', 3), ('orientation_wxyz', 4), ('linear_mps', 3),
+                          ('angular_radps', 3)) for wrong in (count - 1, count + 1)),
     ({'position_m': [0.0, 0.0, -1.0]}, 'in the ground or in a rock; raise it'),
     ({'position_m': [0.0, 0.0, 0.03]}, 'in the ground or in a rock; raise it'),
     ({'position_m': [99.0, 0.0, 1.0]}, 'is not on the ground; it ends at'),

@@ -114,7 +114,10 @@ def test_scale_misalignment_range_and_resolution():
     np.testing.assert_allclose(measure(gyro_misalignment_deg=vector).rate,
                                axes.inv().apply([0.1, 0.2, 0.3]))
     np.testing.assert_allclose(measure(accel_range_mps2=1.5).specific_force, [1.0, 1.5, 1.5])
-    np.testing.assert_allclose(measure(gyro_resolution_radps=0.04).rate, [0.08, 0.2, 0.32])
+    rounded = measure(gyro_resolution_radps=0.04)
+    np.testing.assert_allclose(rounded.rate, [0.08, 0.2, 0.32])
+    np.testing.assert_allclose(measure(accel_scale_error=(0.1, 0.0, -0.1),
+                                       gyro_resolution_radps=0.04).specific_force, [1.1, 2.0, 2.7])
 
 
 def test_the_seed_decides():

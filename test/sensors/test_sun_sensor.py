@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from physics_scene import make_world, ROVER, step_world, sun_seen
+from physics_scene import make_world, ROVER, STATE_S, step_world, sun_seen
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -15,6 +15,10 @@ from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
+from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig
+from lunar_rover_sim.sensors.registry import mounted, SensorsConfig
+from lunar_rover_sim.sensors.sensor import Platform
+from lunar_rover_sim.sensors.solar_panel import SolarPanelConfig
 from lunar_rover_sim.sensors.star_tracker import StarCamera, StarTrackerConfig
 from lunar_rover_sim.sensors.sun_sensor import SunHeads, SunSensorConfig
 from lunar_rover_sim.world.grid import HeightGrid
@@ -256,3 +260,60 @@ def test_rates_must_divide_those_of_the_states():
         PhysicsNodeConfig(sun_sensor=SunSensorConfig(rate_hz=7))
     with pytest.raises(ConfigError, match='star_tracker.rate_hz: 3 is not valid; .* 200'):
         PhysicsNodeConfig(star_tracker=StarTrackerConfig(rate_hz=3))
+
+
+def test_mounted_sensors_measure_at_their_places():
+    """On a rover at any attitude: the truth, while no errors are asked for."""
+    turn = Rotation.from_euler('ZYX', [70.0, 10.0, -15.0], degrees=True)
+    off = {'enabled': False}
+    world = make_world()
+    with Simulation(world, ROVER, PhysicsConfig()) as simulation:
+        behind = simulation.state.position_m + (-1.0, 0.0, 0.02)
+        ahead = behind + (2.0, 0.0, 0.0)
+        state = dataclasses.replace(
+            simulation.state, position_m=np.array([0.3, -0.2, 0.5]),
+            orientation_wxyz=np.roll(turn.as_quat(), 1),
+            motor_torque_nm=np.array([0.1, 0.2, 0.3, -0.1]),
+            joint_velocity_radps=np.array([1.0, 2.0, 3.0, 4.0]))
+        # These places are where the chassis casts its shadow, and on the side of the sun.
+        places = [tuple(turn.inv().apply(place - state.position_m)) for place in (behind, ahead)]
+        platform = Platform(simulation, world, SunConfig(
+            azimuth_deg=0.0, elevation_deg=0.3, angular_diameter_deg=0.1), 7, STATE_S)
+        for place in places:
+            sensors = {one.name: one for one in mounted(SensorsConfig(
+                sun_sensor=SunSensorConfig(**off, position_m=place, rate_hz=10),
+                star_tracker=StarTrackerConfig(**off, position_m=place),
+                power_monitor=PowerMonitorConfig(**off),
+                solar_panel=SolarPanelConfig(position_m=place, normal=(0.0, -1.0, 0.0))),
+                platform)}
+            shown = {topic: value for sensor in sensors.values()
+                     for topic, value in sensor.measure(state, 0).items()}
+            due = [ns for ns in range(0, 300_000_001, 5_000_000)
+                   if sensors['sun_sensor'].is_due(ns)]
+            assert due == [0, 100_000_000, 200_000_000, 300_000_000]
+            assert all(sensors['power_monitor'].is_due(ns) for ns in (0, 5_000_000))
+            sun = turn.inv().apply(sun_direction(0.0, 0.3))
+            assert ('sun_sensor/direction' in shown) == (place is places[1])
+            solar = shown['power/solar']
+            watts = solar.voltage_v * solar.current_a
+            assert solar.gives and solar.voltage_v == ROVER.motor.supply_voltage_v
+            if place is places[1]:
+                np.testing.assert_allclose(shown['sun_sensor/direction'].xyz, sun, atol=1e-4)
+                panel = SolarPanelConfig()
+                assert -sun[1] > 0.5
+                assert watts == pytest.approx(
+                    -sun[1] * SunConfig().irradiance * panel.area_m2 * panel.efficiency, rel=1e-3)
+            else:
+                assert watts == 0.0
+            np.testing.assert_allclose(shown['star_tracker/attitude'].R_world_base,
+                                       turn.as_matrix(), atol=1e-12)
+            lines = [shown[topic] for topic in shown if topic.startswith('power/')
+                     and topic != 'power/solar']
+            assert [line.line for line in lines][-1] not in ROVER.legs.names
+            assert [line.line for line in lines][:4] == list(ROVER.legs.names)
+            currents = np.array([line.current_a for line in lines])
+            assert np.all(currents[:3] < 0.0) and currents[-1] == pytest.approx(currents[:4].sum())
+        # The other way round, the sun is on the other side.
+        platform.sun.follow(SunConfig(azimuth_deg=180.0, elevation_deg=0.3,
+                                      angular_diameter_deg=0.1))
+        assert 'sun_sensor/direction' not in sensors['sun_sensor'].measure(state, 0)

@@ -91,10 +91,12 @@ def test_the_left_margin_is_matched_as_far_as_the_right_camera_sees():
     assert seen[:, :40].mean() < 0.05
 
 
-def test_points_beyond_infinity_are_matched_up_to_the_right_edge():
+@pytest.mark.parametrize('half', [True, False])
+def test_points_beyond_infinity_are_matched_up_to_the_right_edge(half):
     """A negative disparity, as of toed-in cameras: the right image ends on the other side."""
     right, left = textured_pair(np.full(240, 6.0))
-    disparity = SgmMatcher(SgmConfig(min_disparity=-16, num_disparities=64)).match(left, right)
+    disparity = SgmMatcher(SgmConfig(min_disparity=-16, num_disparities=64,
+                                     half_resolution=half)).match(left, right)
     x, _, width, _ = disparity.valid_window
     assert (x, x + width) == (3, 400 - 3 - 16)
     seen = disparity.valid[70:-8]
@@ -102,12 +104,14 @@ def test_points_beyond_infinity_are_matched_up_to_the_right_edge():
     assert np.median(disparity.disparity_px[70:-8][seen]) == pytest.approx(-6.0, abs=0.02)
 
 
-@pytest.mark.parametrize(('least', 'disparity_px'), [
-    (-16, -14.0), (-16, -5.0), (-16, 20.0), (-7, -6.5), (0, 1.0), (5, 6.0), (8, 30.0)])
-def test_the_left_margin_has_the_whole_range_of_disparities(least, disparity_px):
+@pytest.mark.parametrize(('least', 'disparity_px', 'half'), [
+    *((-16, d, half) for d in (-14.0, -5.0, 20.0) for half in (True, False)),
+    (-7, -6.5, True), (0, 1.0, True), (0, 1.0, False), (5, 6.0, True), (8, 30.0, True),
+    (8, 30.0, False)])
+def test_the_left_margin_has_the_whole_range_of_disparities(least, disparity_px, half):
     """It is matched at half the resolution, with the bounds of the rest of the image."""
     left, right = textured_pair(np.full(240, disparity_px))
-    config = SgmConfig(min_disparity=least, num_disparities=64)
+    config = SgmConfig(min_disparity=least, num_disparities=64, half_resolution=half)
     disparity = SgmMatcher(config).match(left, right)
     columns = slice(8 + max(int(disparity_px), 0), max(least + 64, 0))
     seen = disparity.valid[70:-8, columns]

@@ -139,3 +139,11 @@ def test_a_damaged_report():
     assert reported_site({}) is None
     with pytest.raises(WorldError, match='report.lat_deg: 91.0 is not valid; valid is -90 to 90'):
         reported_site({'lon_deg': 0.0, 'lat_deg': 91.0, 'grid_north_deg': 0.0})
+
+    for name, most in (('lon_deg', 360.0), ('lat_deg', 90.0), ('grid_north_deg', 360.0)):
+        given = {'lon_deg': 1.0, 'lat_deg': 2.0, 'grid_north_deg': 3.0}
+        for value in (-most, most):
+            assert getattr(reported_site({**given, name: value}), name) == value
+            with pytest.raises(WorldError, match=f'report.{name}: .* is not valid'):
+                reported_site({**given, name: 1.001 * value})
+        assert reported_site({**given, name: None}) is None

@@ -1,5 +1,6 @@
 """Elevation models: windows, units, gaps, sizes, and that refinement keeps what they say."""
 
+import dataclasses
 import json
 import os
 import pathlib
@@ -11,6 +12,7 @@ import pytest
 import rasterio
 from rasterio.crs import CRS
 from rasterio.transform import from_origin
+from rasterio.warp import transform
 from world.elevation_models import config, hills, MOON, refused, write_tiff
 import worlds
 
@@ -18,6 +20,7 @@ from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.dem import open_dem
+from lunar_rover_sim.world.map_projection import lon_lat_crs, projected_origin, site_in_world
 
 REAL = pathlib.Path(__file__).resolve().parents[3] / 'shared' / 'data' / 'moon_npole_80m.tif'
 needs_real = pytest.mark.skipif(not REAL.is_file(), reason=f'{REAL} is not there')
@@ -247,6 +250,12 @@ def test_refusals(tmp_path):
     marked[20:22, 20] = -9999.0
     refused(write_tiff(tmp_path / 'marked.tif', marked),
             '-9999 m beside .* if one of them marks missing')
+    # The two that differ most are told, along either axis; the window begins at pixel 8.
+    ramp = np.add.outer(np.arange(30.0), 100.0 + 3.0 * np.arange(30.0)).astype(np.float32)
+    for name, part, other in (('row', np.s_[:16], 140.0), ('column', np.s_[:, 16:], 153.0)):
+        marked = ramp.copy()
+        marked[part] = 7000.0
+        refused(write_tiff(tmp_path / f'{name}.tif', marked), f'7000 m beside {other:g} m in ')
     colour = tmp_path / 'colour.tif'
     with rasterio.open(colour, 'w', driver='GTiff', width=30, height=30, count=3, dtype='uint16',
                        photometric='RGB', crs=CRS.from_user_input(MOON),
@@ -371,3 +380,54 @@ def test_relief_below_a_model_is_handed_on_from_level_to_level(tmp_path):
             rms.append(np.sqrt(np.mean(bends[away > beyond]**2)))
     # Finer cells have more of it: 1.4 and 1.6 times; 0.6 and 0.9 without that of the level around.
     assert 1.1 < np.mean([rms[0] / rms[1], rms[2] / rms[3]]) < 2.0
+
+
+def placed(x_km, y_km, **changes):
+    """Return a small world whose middle is there on a map of the south pole in kilometres."""
+    crs = CRS.from_string(MOON.replace('units=m', 'units=km'))
+    lon, lat = transform(crs, lon_lat_crs(crs), [x_km], [y_km])
+    report = {'crs': crs.to_wkt(), 'lon_deg': lon[0], 'lat_deg': lat[0], 'grid_north_deg': 0.0}
+    return crs, dataclasses.replace(worlds.small(1, **worlds.BARE), report={**report, **changes})
+
+
+@pytest.mark.parametrize('east,north', [(3.0, 2.0), (-2.0, 4.0)])
+def test_a_place_on_the_map_has_the_direction_of_the_grid_there(east, north):
+    """About the south pole, with the meridian of 0 upwards, grid north is as far to the west of
+    true north as the place is to the east."""
+    crs, world = placed(30.0, -50.0)
+    assert projected_origin(world)[1] == pytest.approx((30.0, -50.0))
+    lon, lat = transform(crs, lon_lat_crs(crs), [30.0 + east / 1e3], [-50.0 + north / 1e3])
+    found = site_in_world(world, lon[0], lat[0])
+    assert (found.lon_deg, found.lat_deg) == pytest.approx((lon[0], lat[0]), abs=1e-9)
+    assert found.grid_north_deg == pytest.approx(-lon[0], abs=1e-4)
+
+
+@pytest.mark.parametrize('x_m,y_m', [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
+def test_places_beyond_the_world_or_the_map_are_refused(x_m, y_m):
+    crs, world = placed(30.0, -50.0)
+    half = world.levels[-1].half_extent_m
+    for share, inside in ((0.99, True), (1.01, False)):
+        lon, lat = transform(crs, lon_lat_crs(crs), [30.0 + share * half * x_m / 1e3],
+                             [-50.0 + share * half * y_m / 1e3])
+        if inside:
+            assert site_in_world(world, lon[0], lat[0]) is not None
+            continue
+        with pytest.raises(WorldError, match='outside the world; valid is x and y within '
+                                             f'{half:g} m'):
+            site_in_world(world, lon[0], lat[0])
+    with pytest.raises(WorldError, match='is not on the map'):
+        site_in_world(world, 0.0, 90.0)
+
+
+def test_where_a_world_is_comes_from_its_report():
+    _, world = placed(30.0, -50.0)
+    nowhere = dataclasses.replace(world, report={})
+    assert site_in_world(nowhere, 0.0, -89.0) is None
+    assert projected_origin(nowhere) == projected_origin(placed(1.0, 1.0, crs='')[1]) \
+        == (None, (0.0, 0.0))
+    coded = placed(30.0, -50.0, crs='EPSG:32633', lon_deg=15.0, lat_deg=45.0)[1]
+    assert projected_origin(coded)[0] == CRS.from_epsg(32633)
+    assert site_in_world(coded, 15.0, 45.0) is None       # on the Earth
+    for text in ('EPSG:4326', 'nothing', None):
+        with pytest.raises(WorldError, match='report.crs: .* is not valid'):
+            site_in_world(placed(30.0, -50.0, crs=text)[1], 0.0, -89.0)

@@ -68,6 +68,17 @@ def test_rocks_stand_in_the_ground(world, rocks):
     assert 0.0 < np.median(above) < 0.3
 
 
+def test_rocks_that_were_kept_are_those_that_are_made(world):
+    """A world without a hash keeps nothing."""
+    made = far_rocks(dataclasses.replace(world, hash=''), 30.0)
+    for found in (far_rocks(world, 30.0), far_rocks(world, 30.0)):
+        assert len(found) > 20
+        for field in dataclasses.fields(made):
+            one, other = getattr(made, field.name), getattr(found, field.name)
+            assert one.dtype == other.dtype
+            np.testing.assert_array_equal(one, other)
+
+
 def test_the_recipe_gives_the_rocks(world, rocks):
     again = far_rocks(world, REACH_M)
     assert np.array_equal(again.position_m, rocks.position_m)

@@ -286,3 +286,19 @@ def test_codes_stay_within_a_byte():
     tangent = np.full((4, 4), -9.0, np.float32)
     level = fine_relief.mip_levels(slope, tangent, tangent, 2.0, 0.2, 0.4).codes[0]
     assert np.all(level[..., :2] == 255) and np.all(level[..., 2] == 0)
+
+
+def test_slopes_of_all_directions_are_as_salient():
+    """A bank along either axis, of either sign, and of a rise: by their squares alone."""
+    bank = np.zeros((64, 64), np.float32)
+    bank[20:24] = np.float32(0.3)
+    none, level = np.zeros_like(bank), np.full_like(bank, 0.02)
+    first = fine_relief.salience(np.stack([bank + level, none], axis=-1), none)
+    assert first[22, 10] > 0.9 and 0.3 < first[50, 10] < 0.6 and first[22, 10] == first[22, 60]
+    for x, y, z in ((none, bank + level, none), (-bank - level, none, none),
+                    (none, none, bank + level),
+                    (0.6 * (bank + level), 0.8 * (bank + level), none)):
+        found = fine_relief.salience(np.stack([x, y], axis=-1), z)
+        np.testing.assert_allclose(found, first, atol=1e-5)
+    turned = fine_relief.salience(np.stack([none, (bank + level).T], axis=-1), none)
+    np.testing.assert_allclose(turned, first.T, atol=1e-5)

@@ -295,3 +295,20 @@ def test_the_sun_sets_behind_the_horizon_of_the_sphere(plain, height_m, above_ra
                      indirect=False)
     seen = light.angle_above_horizon(np.array([[0.0, 0.0, height_m]]))
     assert np.sign(seen) == np.sign(above_rad)
+
+
+@pytest.mark.parametrize('size_m,samples,extent_m', [
+    (12.8, 65, 50.0), (51.2, 161, 1000.0), (3.2, 67, 700.0), (6.4, 257, 6.5), (25.6, 65, 20000.0)])
+def test_the_plan_is_the_smallest_nest_that_covers_the_surroundings(size_m, samples, extent_m):
+    """Each level begins and ends on samples of the next, an even number of its cells apart."""
+    config = WorldConfig.from_mapping({'size_m': size_m, 'cell_m': 0.05, 'surroundings': {
+        'samples': samples, 'extent_m': extent_m}})
+    levels = nest.plan(config)
+    assert levels[0] == (config.samples, 0.05)
+    half_m = [0.5 * (n - 1) * cell for n, cell in levels]
+    assert half_m[-1] >= extent_m and all(half < extent_m for half in half_m[:-1])
+    for (n, cell), (wider, coarse) in zip(levels, levels[1:]):
+        assert coarse == cell * LEVEL_RATIO
+        valid = [m for m in range(1, 4 * (n + samples)) if (m - 1) % (2 * LEVEL_RATIO) == 0
+                 and m >= samples and (m - 1) * coarse >= 2.0 * (n - 1) * cell - 1e-9]
+        assert wider == valid[0]

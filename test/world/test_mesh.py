@@ -280,3 +280,25 @@ def test_millions_of_rays_are_met_in_several_batches():
     clear = np.abs(x[:, None] - edges).min(axis=1) > 1e-6
     np.testing.assert_array_equal(hits.top_m[:, clear], np.tile(expected[clear], (800, 1)))
     assert np.all(hits.layers[:, clear] == 1)
+
+
+@pytest.mark.parametrize('up_axis,columns', [('x', (2, 0, 1)), ('y', (0, 2, 1)), ('z', (0, 1, 2))])
+def test_a_mesh_may_be_long_and_have_any_axis_up(tmp_path, up_axis, columns):
+    """What is east, north and up, in the order of the file; y up looks south."""
+    x, y = np.meshgrid(np.arange(-10.0, 11.0), np.arange(-4.0, 11.0))
+    height = 0.05 * x - 0.08 * y + 0.02 * x * y
+    places = np.stack([x, y, height], axis=-1).reshape(-1, 3)
+    k = (np.arange(14)[:, None] * 21 + np.arange(20)).ravel()
+    faces = np.concatenate([np.stack(corners, axis=-1) for corners in (
+        (k, k + 1, k + 22), (k, k + 22, k + 21))])
+    vertices = places[:, columns]
+    if up_axis == 'y':
+        vertices[:, 2] *= -1.0
+    path = tmp_path / 'long.ply'
+    trimesh.Trimesh(vertices, faces, process=False).export(path)
+    source = MeshSource(config(path, mesh={'up_axis': up_axis, 'resolution_m': 1.0}))
+    tile = source.tile(20.0, 0.5)
+    np.testing.assert_allclose(tile.x_m, np.arange(-10.0, 11.0), atol=1e-6)
+    np.testing.assert_allclose(tile.y_m, np.arange(-7.0, 8.0), atol=1e-6)
+    shift = np.median(tile.heights_m - height)
+    np.testing.assert_allclose(tile.heights_m, height + shift, atol=1e-5)
