@@ -54,7 +54,7 @@ def program_path(name: str) -> Path:
 def recorded_bag(path: Path | str) -> Path:
     """Return the bag in the folder of a run; any other path as it is."""
     bag = Path(path, BAG_FOLDER)
-    return bag if bag.is_dir() else Path(path)
+    return bag if os.path.isdir(bag) else Path(path)     # what cannot be read is told later
 
 
 def packaged_names(kind: str) -> list[str]:

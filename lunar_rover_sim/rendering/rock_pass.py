@@ -13,8 +13,7 @@ from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.rendering.context import enable, load_program, release_all
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
-from lunar_rover_sim.rendering.rock_meshes import (library_facets, octahedron_axes,
-                                                   octahedron_facets)
+from lunar_rover_sim.rendering.rock_meshes import library_meshes, octahedron_axes, octahedron_mesh
 from lunar_rover_sim.rendering.surface import Surface
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
@@ -86,8 +85,8 @@ class RockPass:
         self._instances: dict[int, moderngl.Buffer] = {}
         self._counts: dict[int, int] = {}
         self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
-        self._meshes = [_mesh(context, corners) for corners in (
-            *library_facets(shapes, _LEVELS, _COARSE_VERTICES), octahedron_facets())]
+        self._meshes = [[context.buffer(part.tobytes()) for part in mesh] for mesh in (
+            *library_meshes(shapes, _LEVELS, _COARSE_VERTICES), octahedron_mesh())]
 
     def prepare_truth(self) -> None:
         """Be able to draw truth from now on; adds to `programs`."""
@@ -169,10 +168,11 @@ class RockPass:
         for kind, count in self._counts.items():
             key = (program.glo, kind)
             if key not in self._arrays:
+                vertices, corners = self._meshes[kind]
                 self._arrays[key] = self._context.vertex_array(
-                    program, [(self._meshes[kind].vertices, '3f 3f', 'a_position', 'a_normal'),
+                    program, [(vertices, '3f 3f', 'a_position', 'a_normal'),
                               (self._instances[kind], _INSTANCE, *_NAMES)],
-                    self._meshes[kind].corners, skip_errors=True)
+                    corners, skip_errors=True)
             self._arrays[key].render(instances=count)
 
     def _visible(self, volume: ViewVolume, focal_px: float,
@@ -191,20 +191,6 @@ class RockPass:
         """Release the GL objects."""
         release_all(*self._arrays.values(), *self._instances.values(),
                     *(buffer for mesh in self._meshes for buffer in mesh), *self.programs)
-
-
-class _Mesh(NamedTuple):
-    """Vertices, and which of them are the corners of faces."""
-
-    vertices: moderngl.Buffer
-    corners: moderngl.Buffer
-
-
-def _mesh(context: moderngl.Context, corners: F32) -> _Mesh:
-    """Return a mesh of (3 f, 6) corners of faces; the device computes equal ones once."""
-    vertices, index = np.unique(corners, axis=0, return_inverse=True)
-    return _Mesh(context.buffer(vertices.tobytes()),
-                 context.buffer(index.astype(np.int32).tobytes()))
 
 
 @compiled

@@ -325,7 +325,7 @@ def _tint(canvas: Canvas, side: int) -> NDArray[np.uint32]:
     """Return the colour of a camera, as it was lit."""
     size = canvas.projection.height, canvas.projection.width
     return read_image(canvas.lit.framebuffer, 2, side, size, components=2,
-                      kind='nu2').view('<u4')[..., 0]
+                      kind='nu2').view(np.uint32)[..., 0]
 
 
 def _averaged(radiance: NDArray[np.float32], times: int) -> NDArray[np.float32]:
