@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import inlined, vectorised
-from lunar_rover_sim.rendering.row_math import (any_positive, byte, CHUNK, disc, log2, of_half,
-                                                PAGE, shape_share)
+from lunar_rover_sim.rendering.row_math import (any_positive, byte, CHUNK, disc, log2, NO_PIXELS,
+                                                of_half, PAGE, shape_share)
 
 _N, _PAGE = CHUNK, PAGE
 _LAYER, _SCALE, _OFFSET, _LOG, _REACH = (k * _PAGE for k in range(5))
@@ -190,7 +190,7 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
         for j in range(4 * _PAGE):
             s[_OUT + j] = s[_RAW + j]
         # A third of the pixels lie between two levels.
-        few = 0
+        few = NO_PIXELS
         for j in range(_N):
             which[few] = j
             few += s[_WEIGHT + j] > _ZERO       # without a branch, which could not be foreseen

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import cv2
@@ -39,22 +40,26 @@ def mip_texels(textures: Sequence[NDArray[Any]], side: int) -> MipTexels:
     count = len(textures)
     first = np.cumsum([0, *(count * n * n for n in sides)])
     words = np.zeros(first[-1], word)
-    for k, texture in enumerate(textures):
-        n = len(texture)
-        level = np.zeros((side, side, 4), kind)
-        level[:n, :n] = texture
-        for start, n in zip(first, sides):
-            if n != side:
-                level = _halved(level, n)
-            words[start + k * n * n:start + (k + 1) * n * n] = level.view(word).ravel()
+
+    def fill(k: int) -> None:
+        m = len(textures[k])
+        level = words[k * side * side:(k + 1) * side * side].view(kind).reshape(side, side, 4)
+        level[:m, :m] = textures[k]
+        for start, n in zip(first[1:], sides[1:]):
+            finer, level = level, words[start + k * n * n:start + (k + 1) * n * n].view(
+                kind).reshape(n, n, 4)
+            _halve(finer, level)
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(fill, range(count)))
     return MipTexels(words, np.array(sides, np.int32), first[:-1].astype(np.int32))
 
 
-def _halved(texels: NDArray[Any], n: int) -> NDArray[Any]:
-    """Return (n, n, 4) texels of the next level, interpolated between those of this one."""
-    wide = texels.astype(np.float32)
-    mean = cv2.resize(wide, (n, n), interpolation=cv2.INTER_LINEAR).reshape(n, n, 4)
-    return np.rint(mean).astype(np.uint8) if texels.dtype == np.uint8 else mean.astype(np.float16)
+def _halve(finer: NDArray[Any], level: NDArray[Any]) -> None:
+    """Fill in the (n, n, 4) texels of a level, interpolated between those of the finer one."""
+    n = len(level)
+    mean = cv2.resize(finer.astype(np.float32), (n, n), interpolation=cv2.INTER_LINEAR).reshape(
+        n, n, 4)
+    level[:] = np.rint(mean, out=mean) if level.dtype == np.uint8 else mean
 
 
 def packed_levels(codes: Sequence[NDArray[np.uint8]]) -> MipTexels:

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.compiled import inlined, vectorised
-from lunar_rover_sim.rendering.row_math import any_positive, byte, CHUNK, packed_shape, PAGE
+from lunar_rover_sim.rendering.row_math import (any_positive, byte, CHUNK, NO_PIXELS, packed_shape,
+                                                PAGE)
 
 _N, _PAGE = CHUNK, PAGE
 _X, _Y, _LEAD, _LEVEL, _U, _V, _PART, _WHOLE = (k * _PAGE for k in range(8))
@@ -154,7 +155,7 @@ def _texels(s, place, t, which, at, out, channels, levels,  # type: ignore[no-un
         at: Page of the places in it; `out`: of its channels, 0 to 1; `levels`: of mip levels.
         finer: Subtracted from those.
     """
-    few = 0
+    few = NO_PIXELS
     for j in range(count):
         own = max(s[levels + j] - finer, _ZERO)
         whole = np.floor(own)
@@ -227,7 +228,7 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
         _texels(s, cells, t, between, _PLACES, _OUT, 4, _LEVEL, _TWO,
                 _N, coarse, coarse_side, coarse_first)
         # Few pixels lie between two cells.
-        few = 0
+        few = NO_PIXELS
         for j in range(_N):
             which[few] = j
             few += s[_LEAD + j] < _ONE

@@ -9,6 +9,8 @@ from lunar_rover_sim.compiled import inlined
 CHUNK, COLUMNS = 128, 64    # pixels that a loop takes at a time: columns of two rows
 # Numbers in a page of scratch memory: at a power of two pages push each other out of the cache.
 PAGE = 144
+# Counts of pixels begin with it: for a plain 0, Numba compiles all that takes the count once more.
+NO_PIXELS = np.int64(0)
 
 _ZERO, _HALF, _ONE, _FIVE = (np.float32(x) for x in (0.0, 0.5, 1.0, 5.0))
 _DISC, _CUBE, _TINY = (np.float32(x) for x in (0.6366, 0.1366, 1e-6))
