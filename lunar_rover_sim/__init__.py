@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from lunar_rover_sim.world.model import World
     from lunar_rover_sim.world.world_folder import load_world, save_world
 
-__version__ = '0.1.0'
+__version__ = '1.0.0'
 
 _HOMES = {
     'build_world': 'world.build',

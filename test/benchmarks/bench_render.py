@@ -3,6 +3,7 @@
     python test/benchmarks/bench_render.py [--width 640 --height 480] [--pairs 20] [--skip-mujoco]
         [--area]
     python test/benchmarks/bench_render.py --against CLONE [--rounds 5] [--scenario baseline]
+        [--set render_node.sun.elevation_deg=2]
 
 Prints a table; asserts nothing. With --against, it prints what the passes of a pair of a scenario
 take on a walk, the driver waiting for each, and the ratio to another checkout: both draw the same
@@ -200,10 +201,10 @@ def timed(renderer, spent):
         yield
 
 
-def serve(scenario):
+def serve(scenario, settings):
     """Draw the states that numbers in lines of stdin name; print ms of CPU for each."""
     states = np.load(sys.stdin.readline().strip())
-    loaded = Scenario.load(scenario)
+    loaded = Scenario.load(scenario, settings)
     # Scenarios of versions before 1.0 make no renderer.
     with (loaded.renderer() if hasattr(loaded, 'renderer')
           else Renderer.from_scenario(loaded)) as renderer:
@@ -219,10 +220,11 @@ def serve(scenario):
             print(1e3 * (time.process_time() - start), flush=True)
 
 
-def compare(scenario, clones, rounds):
+def compare(scenario, settings, clones, rounds):
     """Print what passes take in this checkout, and a pair's CPU over that of another one."""
-    states = walk(Scenario.load(scenario))
-    with Scenario.load(scenario).renderer() as renderer:
+    loaded = Scenario.load(scenario, settings)
+    states = walk(loaded)
+    with loaded.renderer() as renderer:
         for k, state in enumerate(states[:4]):
             renderer.render(state, k)
         spent = collections.Counter()
@@ -231,7 +233,8 @@ def compare(scenario, clones, rounds):
             for k, state in enumerate(states):
                 renderer.render(state, k)
             spent['rest'] = time.process_time() - start - sum(spent.values())
-        print(f'{renderer.device}, {scenario}, a pair with depth, pass by pass')
+        print(f'{renderer.device}, {" ".join([scenario, *settings])}, a pair with depth, '
+              'pass by pass')
     for name, seconds in spent.most_common():
         print(f'{name:28s} {1e3 * seconds / len(states):6.1f} ms CPU')
     with tempfile.TemporaryDirectory() as folder:
@@ -241,7 +244,8 @@ def compare(scenario, clones, rounds):
         workers = []
         for clone in clones:
             workers.append(subprocess.Popen(
-                [sys.executable, __file__, '--serve', '--scenario', scenario], text=True,
+                [sys.executable, __file__, '--serve', '--scenario', scenario,
+                 *(word for setting in settings for word in ('--set', setting))], text=True,
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                 env={**os.environ, 'PYTHONPATH': str(clone)}))
             workers[-1].stdin.write(f'{path}\n')
@@ -279,14 +283,15 @@ def main():
     parser.add_argument('--against', type=Path, help='folder of another clone, the one before')
     parser.add_argument('--rounds', type=int, default=5)
     parser.add_argument('--scenario', default='baseline')
+    parser.add_argument('--set', action='append', default=[], help='a parameter of the scenario')
     parser.add_argument('--serve', action='store_true', help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.serve:
-        serve(args.scenario)
+        serve(args.scenario, args.set)
         return
     if args.against is not None:
-        compare(args.scenario, [args.against.resolve(), Path(__file__).resolve().parents[2]],
-                args.rounds)
+        compare(args.scenario, args.set,
+                [args.against.resolve(), Path(__file__).resolve().parents[2]], args.rounds)
         return
     camera = CameraConfig(width=args.width, height=args.height)
     config = RenderConfig(camera=camera, sun=SunConfig(azimuth_deg=60.0, elevation_deg=6.0))
