@@ -9,8 +9,9 @@ from lunar_rover_sim.errors import ConfigError, StereoError
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.stereo.depth import depth_from_disparity, disparity_from_depth, DisparityMap
-from lunar_rover_sim.stereo.refinement import refined
+from lunar_rover_sim.stereo.refinement import refined, unexplained
 from lunar_rover_sim.stereo.sgm import SgmMatcher
+from lunar_rover_sim.stereo.sky import sky
 
 
 def textured_pair(disparity_px, height=240, width=400, sky=60, seed=0):
@@ -377,3 +378,31 @@ def test_nothing_but_sky_with_the_sun_and_nothing_of_it():
     maps = [SgmMatcher(SgmConfig(num_disparities=64, find_sky=find)).match(left[130:], right[130:])
             for find in (True, False)]
     assert np.array_equal(*(m.valid for m in maps))
+
+
+@pytest.mark.parametrize('noise,beside,even', [
+    (0.0, 0.5, True), (0.0, 1.0, False), (1.0, 1.5, True), (1.0, 2.0, False), (2.0, 2.0, True),
+    (2.0, 2.5, False)])
+def test_what_varies_by_1_6_times_the_noise_of_the_upper_rows_is_no_sky(noise, beside, even):
+    """Chequers, whose deviation is half of their step; noise counts as 0.5 to 1.35 levels."""
+    v, u = np.mgrid[:80, :200]
+    step = np.where(u < 120, noise, beside)
+    image = (60.0 + np.where((u + v) % 2, step, -step) + step % 1.0).astype(np.uint8)
+    found = sky(image, np.zeros(image.shape, np.float32), np.zeros(image.shape, bool))
+    # Beyond what is alike in brightness beside the sky, which is added up to eight pixels.
+    assert found[:, :100].all() and (found[:, 145:190] == even).all()
+
+
+def test_detail_that_is_all_alike_is_explained_and_other_detail_is_not():
+    """0 for equal detail, whatever the brightness; 1 for independent detail; else the share."""
+    rng = np.random.default_rng(2)
+    one, other = rng.integers(60, 120, (2, 60, 80)).astype(np.uint8)
+    still = np.zeros(one.shape, np.float32)
+    np.testing.assert_allclose(unexplained(still, one, one + np.uint8(40)), 0.0, atol=1e-6)
+    assert np.median(unexplained(still, one, other)) == pytest.approx(1.0, abs=0.05)
+    assert np.median(unexplained(still + 5.0, one, np.roll(one, -5, axis=1))[:, 12:]) < 1e-6
+    # Half of the contrast is left: (1 - 1 / 2)^2 / (1 + 1 / 4).
+    half = (60 + (one.astype(int) - 60) // 2).astype(np.uint8)
+    assert np.median(unexplained(still, one, half)) == pytest.approx(0.2, abs=0.01)
+    even = np.full_like(one, 90)
+    assert np.isinf(unexplained(still, even, even)).all()

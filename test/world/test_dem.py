@@ -324,6 +324,9 @@ def test_folder_of_an_array_equals_the_raster(tmp_path):
         assert np.allclose(one.x_m, other.x_m) and np.allclose(one.y_m, other.y_m)
     assert a.report['center_lon_lat_deg'] == [12.3, -89.5]
     a.close(), b.close()
+    for pixel in ((5.0, -4.0), (4.0, -5.0)):
+        oblong = open_dem(config(write_folder(tmp_path / str(pixel), heights, pixel)))
+        assert oblong.tile(30.0, 0.2).pixel_m == oblong.pixel_m == 5.0
 
 
 def test_rows_from_the_south(tmp_path):
