@@ -52,6 +52,7 @@ def test_bag_time_is_the_stamp_or_the_fallback(tmp_path, items):
     text = next(i for i in items if i.topic == 'world_hash')
     unset = synthetic.Item('cmd_vel', 'std_msgs/msg/Header', synthetic.header(0, 'x'))
     with BagWriter(tmp_path / 'bag') as writer:
+        assert writer.newest_ns == 0
         assert writer.write('/odom', odom.msgtype, synthetic.serialise(odom), 7) == 5_000_000
         assert writer.write('/hash', text.msgtype, synthetic.serialise(text), 7) == 7
         assert writer.write('/unset', unset.msgtype, synthetic.serialise(unset), 9) == 9

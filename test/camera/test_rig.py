@@ -118,6 +118,7 @@ def test_its_mount_and_its_noise_are_its_own() -> None:
     other = Scenario.load('flat', {'render_node.hazard.front.rate_hz': 4}).render_node.cameras[1]
     seeds = [entry.noise_seed(7) for entry in (pair, back, chase, other)]
     assert len(set(seeds)) == 4 and alone.noise_seed(7) == back.noise_seed(7)
+    assert all(0 <= back.noise_seed(k) < 2**31 for k in range(9)), 'a whole number of 32 bits'
     assert back.mount is not None and chase.mount is not None and pair.mount is None
     world = None      # where the camera is fixed or follows, none is asked
     assert isinstance(back.mount(world, 0.0), HazardMount)      # type: ignore[arg-type]

@@ -5,6 +5,7 @@ import dataclasses
 import camera_scene as scene
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
 from lunar_rover_sim.camera.exposure import AutoExposure
@@ -221,3 +222,16 @@ def test_charge_leaves_at_the_ends_and_through_drains():
 def test_nothing_moves_below_the_well():
     electrons = np.random.default_rng(0).uniform(0.0, 99.0, (20, 30))
     np.testing.assert_array_equal(bloom(electrons, 100.0, 1.0), electrons)
+
+
+def test_the_point_spread_is_that_of_five_taps_up_to_the_borders():
+    """What lies beyond a border is what lies at it."""
+    config = dataclasses.replace(scene.IDEAL, encoding='mono16', bits=16, psf_sigma_px=0.5)
+    sensor = SensorModel(CAMERA, config)
+    electrons = np.random.default_rng(2).uniform(0.0, 30000.0, (CAMERA.height, CAMERA.width))
+    image = ImageSensor(RIG, sensor, 0).pixels(
+        (electrons / (sensor.electrons_per_radiance_second * 1e-3)).astype(np.float32), 0, 1e-3, 0)
+    weight = sensor.neighbour_weight
+    taps = np.array([[0.0, weight, 0.0], [weight, 1.0, weight], [0.0, weight, 0.0]])
+    expected = ndimage.convolve(electrons, taps / taps.sum(), mode='nearest')
+    np.testing.assert_allclose(image / sensor.gain_dn_per_e, expected, atol=2.0)

@@ -33,8 +33,9 @@ def passed(config, images, sun=None, sky=None):
     images = np.asarray(images, np.float32)
     depth = np.where(np.zeros((2, h, w), bool) if sky is None else sky, 0.0, 2.0)
     lens = StrayLight(Lens(config, CAMERA), PinholeImage(RIG.K, w, h), E)
-    return np.stack([lens.passed_on(images[side], depth[side].astype(np.float32), sun, side)
-                     for side in (0, 1)]).astype(float)
+    found = [lens.passed_on(images[side], depth[side].astype(np.float32), sun, *given)
+             for side, given in ((0, ()), (1, (1,)))]       # the left one unless told otherwise
+    return np.stack(found).astype(float)
 
 
 def sun_at(x_px, y_px, irradiance=(E, E)):

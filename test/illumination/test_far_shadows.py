@@ -42,6 +42,29 @@ def test_a_patch_of_the_right_length_and_area(cell_m, elevation_deg, azimuth_deg
     assert np.all(share[back < -2.0 * cell_m] == 0.0)
 
 
+@pytest.mark.parametrize('elevation_deg', [6.0, 15.0, 40.0])
+@pytest.mark.parametrize('azimuth_deg', [0.0, 90.0, 180.0, 270.0])
+def test_a_share_adds_up_to_the_rectangle_that_is_shaded(azimuth_deg, elevation_deg):
+    """Across the ray to the width of the outline, along it to its tip, wherever cells begin."""
+    s, x, y, cell_m = sun(azimuth_deg, elevation_deg), 0.37, -0.23, 0.3
+    shape = scene.block(half=(0.3, 0.2, 0.4))
+    outline = rock_shadow.silhouettes(scene.rocks([(x, y, 0.4)]), (shape,), s)
+    grid = HeightGrid(np.zeros((129, 129), np.float32), cell_m)
+    share = rock_shadow.share(grid, outline, s, 0.0) / 255.0
+    axis = (np.arange(129) - 64) * cell_m
+    # Rows of cells across the ray, from that behind the rock on.
+    rows = share.sum(axis=1 if azimuth_deg % 180.0 else 0)
+    away = -axis * np.sign(s.direction_xy.sum())
+    from_m = 0.5 - np.array([x, y]) @ s.direction_xy
+    behind = away > from_m
+    tip_m = outline.top[0] / np.sin(s.elevation_rad)
+    width_m = 2.0 * 0.8 * outline.half_width[0]
+    whole = behind & (away < tip_m - cell_m)
+    np.testing.assert_allclose(rows[whole] * cell_m, width_m, atol=0.004)
+    length_m = tip_m - (away[behind].min() - 0.5 * cell_m)
+    assert rows[behind].sum() * cell_m**2 == pytest.approx(width_m * length_m, rel=0.01)
+
+
 def test_shadows_over_one_another_are_no_darker_than_one():
     s, shape = sun(30.0, 6.0), scene.block(half=(0.6, 0.6, 0.4))
     grid = HeightGrid(np.zeros((65, 65), np.float32), 0.4)

@@ -160,6 +160,7 @@ def test_impossible_ways_to_roll_are_refused(name, value, valid):
 
 def test_speed_and_its_variance():
     odometry = WheelOdometry(ROVER, FINE, UNSCALED)
+    assert [odometry.twist.tolist(), odometry.twist_variance.tolist()] == [[0.0] * 2, [0.0] * 3]
     odometry.add([0.0] * 4, 0.005)
     # Each of two readings of two legs is wrong by up to half a count; across half the track.
     count_m = 2.0 * math.pi * ROVER.legs.spoke_length_m / (FINE * ROVER.motor.gear_ratio)
