@@ -10,7 +10,7 @@ import yaml
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import marker
-from lunar_rover_sim.bag.qos import as_recorded, contract_qos
+from lunar_rover_sim.bag.qos import as_recorded, contract_qos, qos_of_text
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.writer import BagWriter, COMPRESSIONS
 from lunar_rover_sim.errors import BagError, ConfigError
@@ -245,3 +245,18 @@ def test_unknown_topics_offer_the_nearest(tmp_path, items):
         assert not bag.has('cmd_vel')
         with pytest.raises(BagError, match='did you mean'):
             bag.resolve('stereo/left/image')
+
+
+@pytest.mark.parametrize('words', [(1, 1, 1, 1), ('keep_last', 'reliable', 'transient_local',
+                                                  'automatic')])
+def test_profiles_are_read_by_name_and_by_number(words):
+    history, reliability, durability, liveliness = words
+    time = '{sec: 9223372036, nsec: 854775807}'
+    (found,) = qos_of_text(
+        f'- {{history: {history}, depth: 1, reliability: {reliability}, durability: {durability}, '
+        f'deadline: {time}, lifespan: {time}, liveliness: {liveliness}, '
+        f'liveliness_lease_duration: {time}, avoid_ros_namespace_conventions: false}}')
+    assert found == contract_qos('/world_hash')
+    assert qos_of_text('') == qos_of_text('[]') == []
+    with pytest.raises(BagError, match='offered QoS profiles cannot be read'):
+        qos_of_text('- depth')

@@ -68,6 +68,30 @@ def test_motion_keeps_even_light_and_has_no_favourite_side(path_px):
     assert mean.std() < 0.98 * image.std()
 
 
+@pytest.mark.parametrize('line_time_s', [0.0, 2e-4])
+def test_parts_have_no_favourite_side_either(line_time_s):
+    """Blocks of a part that moves otherwise, up to all borders, on ground: mirrored alike."""
+    rng, shape = np.random.default_rng(4), (H // 8, W // 8)
+    link = np.kron(rng.random(shape) < 0.4, np.ones((8, 8))).astype(np.uint8) * 3
+    image = (rng.random((H, W)) + 2.0 * link).astype(np.float32)
+    depth_m = np.where(link > 0, 1.5, 3.0).astype(np.float32)
+    along, other = np.array([0.37, 0.23, 0.0]), np.array([-0.21, 0.31, 0.0])
+
+    def mean(axis=None):
+        turn = np.where(np.arange(3) == (9 if axis is None else 1 - axis), -1.0, 1.0)
+        pictures = [picture if axis is None else np.flip(picture, axis).copy()
+                    for picture in (image, depth_m, link)]
+        leg = MovingBody(CameraTwist(turn * other, np.zeros(3)), 3, 1.0 / 1.5)
+        made = blur(line_time_s=line_time_s).mean(
+            *pictures[:2], moving(turn * along, (0.0, 0.0, 0.0), leg), 0.1, pictures[2])
+        return made if axis is None else np.flip(made, axis)
+
+    plain = mean()
+    assert np.abs(plain - image).max() > 1.0
+    for axis in (1,) if line_time_s else (0, 1):    # rows are read from above
+        np.testing.assert_allclose(mean(axis), plain, atol=1e-4)
+
+
 def test_nothing_moves_at_rest():
     image = lines()
     assert blur().mean(image, DEPTH_M, moving(), 0.01) is image

@@ -102,11 +102,14 @@ def test_the_middle_of_a_file_that_lies_elsewhere_is_the_origin(tmp_path):
     mesh, grid = bumps()
     mesh.apply_translation([120.0, -45.0, 800.0])
     mesh.export(tmp_path / 'map.ply')
-    xy = np.array([[1.0, 1.0], [-2.0, 0.5], [0.0, -3.0]])
     for center in ([0.0, 0.0], [2.0, -1.0]):
-        world = build_world(config(tmp_path / 'map.ply', mesh={'center': center}), 0)
-        expected = grid.height_at(xy + center) - grid.height_at(center)
-        np.testing.assert_allclose(world.height_at(xy), expected, atol=1e-3)
+        source = MeshSource(config(tmp_path / 'map.ply', mesh={'center': center}))
+        tile = source.tile(4.0, 0.5)
+        xy = np.stack(np.meshgrid(tile.x_m, tile.y_m), axis=-1)
+        np.testing.assert_allclose(tile.heights_m + source.reference_m - 800.0,
+                                   grid.height_at(xy + center), atol=1e-3)
+        assert source.area_m == pytest.approx((-10.0 - center[0], 10.0 - center[0],
+                                               -10.0 - center[1], 10.0 - center[1]), abs=1e-4)
 
 
 def holed(tmp_path):
