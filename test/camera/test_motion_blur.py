@@ -52,6 +52,32 @@ def test_a_line_becomes_as_wide_as_the_path_is_long(path_px, upwards):
     assert path_px**2 / 12.0 - 0.02 < variance < path_px**2 / 12.0 + 0.2
 
 
+def test_short_paths_spread_a_point_by_the_variance_of_the_path():
+    """p^2 / 12 along either axis, for a camera that turns about all axes and shifts; and along
+    the path: with the sign of the product where both are."""
+    v, w, exposure_s = np.array([0.05, -0.04, 0.4]), np.array([0.02, 0.03, 0.8]), 0.01
+    image = np.zeros((H, W), np.float32)
+    image[6::6, 6::6] = 1.0
+    depth_m = np.tile(np.linspace(1.0, 4.0, W, dtype=np.float32), (H, 1))
+    mean = blur().mean(image, depth_m, moving(v, w), exposure_s)
+    at_rows, at_columns = (place.ravel() for place in np.mgrid[6:H - 6:6, 6:W - 6:6])
+    rays = PinholeImage(K, W, H).rays(np.stack([at_columns, at_rows], axis=-1).astype(float))
+    points = rays * depth_m[at_rows, at_columns, None]
+    ends = [(Rotation.from_rotvec(sign * w * exposure_s / 2.0).apply(points)
+             + sign * v * exposure_s / 2.0) @ K.T for sign in (-1.0, 1.0)]
+    path = ends[1][:, :2] / ends[1][:, 2:] - ends[0][:, :2] / ends[0][:, 2:]
+    assert 0.5 < np.abs(path).max() < 1.0
+    spread = np.array([mean[r - 1:r + 2, c - 1:c + 2] for r, c in zip(at_rows, at_columns)])
+    step = np.array([-1.0, 0.0, 1.0])
+    moments = [np.einsum('nvu,v,u->n', spread, a, b)
+               for a, b in ((step**0, step**2), (step**2, step**0), (step, step))]
+    var_u, var_v = (path**2 / 12.0).T
+    along = np.sign(path.prod(axis=1)) * var_u * var_v
+    for found, expected in zip(moments, (var_u, var_v, along)):
+        np.testing.assert_allclose(found, expected, atol=2e-3)
+    np.testing.assert_allclose(spread.sum(axis=(1, 2)), 1.0, atol=2e-3)
+
+
 @pytest.mark.parametrize('path_px', [0.5, 2.5, 8.0])
 def test_motion_keeps_even_light_and_has_no_favourite_side(path_px):
     """Up to the borders: a mirrored picture with mirrored motion has the mirrored mean."""
