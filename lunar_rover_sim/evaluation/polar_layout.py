@@ -65,16 +65,13 @@ def pairs(all_scenes: list[PolarScene], most: int) -> Iterator[GreyPair]:
         else:
             left = _remapped(left, maps[:2])
             right = _remapped(right, maps[2:])
-        yield GreyPair(str(left_path), _root(left), None if right is None else _root(right))
+        yield GreyPair(str(left_path), np.sqrt(left),
+                       None if right is None else np.sqrt(right))
 
 
 def _linear(path: Path) -> F32:
     """Return the signal as a share of full scale."""
     return levels_of(read_pixels(path, EvaluationError), False, _BLACK, _FULL)
-
-
-def _root(linear: F32) -> F32:
-    return np.sqrt(np.clip(linear, 0.0, 1.0))
 
 
 def _exposed(scene: PolarScene) -> tuple[Path, F32]:

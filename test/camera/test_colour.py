@@ -78,6 +78,17 @@ def test_colours_are_those_that_the_response_sees(middles_nm, width_nm):
         assert (red / green, blue / green) == pytest.approx(tuple(expected), rel=0.015)
 
 
+def test_warm_light_has_the_colour_of_its_black_body():
+    """Bands that see one wavelength each have the ratios of Planck's law; the sun's are 1."""
+    nm = np.array(colours.WAVELENGTHS_NM)
+    seen = np.array([600.0, 540.0, 440.0])
+    lines = colours.Bands(tuple(map(tuple, 0.5 * (nm == seen[:, None]))))
+    np.testing.assert_allclose(lines.colour_of_light(colours.SUN_K), 1.0)
+    warm, sun = (colours.planck(1e-9 * seen, kelvin) for kelvin in (3000.0, colours.SUN_K))
+    np.testing.assert_allclose(lines.colour_of_light(3000.0),
+                               (warm / sun)[[0, 2]] / (warm / sun)[1])
+
+
 def test_equal_responses_see_no_colours():
     even = (0.5,) * len(colours.WAVELENGTHS_NM)
     raw = dataclasses.replace(RAW, red_response=even, green_response=even, blue_response=even)

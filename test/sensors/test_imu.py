@@ -76,6 +76,10 @@ def test_given_values_replace_those_of_the_preset():
     accel, gyro = ImuNoise(config, RATE_HZ, np.random.default_rng()).white_noise_variances()
     assert accel == pytest.approx(25e-6 * RATE_HZ)
     assert gyro == 0.0
+    # A quantiser rounds evenly within its step.
+    coarse = dataclasses.replace(config, accel_resolution_mps2=0.5, gyro_resolution_radps=0.02)
+    assert ImuNoise(coarse, RATE_HZ, np.random.default_rng()).white_noise_variances() \
+        == pytest.approx((accel + 0.25 / 12.0, 4e-4 / 12.0))
 
 
 def test_disabled_noise_is_the_truth():
