@@ -11,7 +11,7 @@ from lunar_rover_sim.camera.config import LensConfig
 from lunar_rover_sim.camera.fisheye import FisheyeCamera, FisheyeLens
 from lunar_rover_sim.camera.hazard import (fixed_frames, HazardCameraConfig, HazardConfig,
                                            HazardRig, sides)
-from lunar_rover_sim.camera.image_geometry import FisheyeImage
+from lunar_rover_sim.camera.image_geometry import FisheyeImage, PinholeImage
 from lunar_rover_sim.errors import ConfigError
 
 REAL = (-0.02, 0.004, -0.003, 0.0006)
@@ -139,3 +139,13 @@ def test_light_from_beyond_the_image_has_its_place_in_the_image_plane(k) -> None
         assert apart * camera.focal_px == pytest.approx(np.hypot(*(pixels - place).T).T)
         assert light * camera.falloff(pixels) == pytest.approx(np.ones((1, 2)))
         assert image.pupil(direction) == 1.0
+
+
+@pytest.mark.parametrize('image', [
+    PinholeImage(np.array([[150.0, 0.0, 79.5], [0.0, 140.0, 59.5], [0.0, 0.0, 1.0]]), 160, 120),
+    FisheyeImage(FisheyeCamera(HazardCameraConfig(width=160, height=120)))])
+def test_the_place_of_a_ray_is_its_pixel_however_long_it_is(image) -> None:
+    pixels = np.random.default_rng(3).uniform(20.0, 100.0, (50, 2))
+    for pixel, ray in zip(pixels, image.rays(pixels)):
+        for length in (0.3, 5.0):
+            assert image.place(length * ray) == pytest.approx(pixel, abs=1e-5)
