@@ -21,8 +21,8 @@ def sun(azimuth_deg, elevation_deg):
 
 
 @pytest.mark.parametrize('cell_m', [0.2, 0.4])
-@pytest.mark.parametrize('elevation_deg', [3.0, 6.0, 15.0])
-@pytest.mark.parametrize('azimuth_deg', [0.0, 30.0, 230.0])
+@pytest.mark.parametrize('elevation_deg', [3.0, 15.0])
+@pytest.mark.parametrize('azimuth_deg', [30.0, 230.0])
 def test_a_patch_of_the_right_length_and_area(cell_m, elevation_deg, azimuth_deg):
     """A box of 0.4 m height, shadow length h / tan e, although cells are as wide as the box."""
     s = sun(azimuth_deg, elevation_deg)

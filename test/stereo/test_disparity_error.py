@@ -56,16 +56,6 @@ def test_errors_of_a_known_map():
     assert summary['median signed error [px]'] == pytest.approx(0.0, abs=1 / 64)
     assert summary['mean signed error [px]'] == pytest.approx((5 * 1.5 + 2 * 3.0) / 17)
     assert (errors + errors).summary() == pytest.approx(summary, nan_ok=True)
-    # Where the matcher does not look, at full scale, or without texture there is another cause.
-    window = DisparityMap(d, 0.0, 63.0, 0.0625, (10, 8, 90, 12))
-    image[8], image[9] = 255, 100
-    causes = stereo_errors(window, truth, truth, image, block_px=1)
-    assert (causes.margin, causes.saturated, causes.flat) == (90, 90, 90)
-    assert causes.occluded == causes.shadowed == 0
-    hidden = truth.copy()
-    hidden[9, :45] = 20.0
-    seen = stereo_errors(window, truth, hidden, image, block_px=1)
-    assert (seen.occluded, seen.flat) == (45, 45)
     assert np.isnan(StereoErrors().summary()['density'])
 
 
@@ -97,17 +87,6 @@ def test_blocks_darker_than_the_level_are_in_shadow():
 def test_an_even_block_is_low_in_texture_at_any_level_but_zero(texture_level, flat):
     errors = judged(even(128), texture_level=texture_level)
     assert errors.flat == (errors.ground if flat else 0)
-
-
-def test_ground_is_what_can_be_matched():
-    """In the range of the search, at least a quarter pixel, and seen in the other image."""
-    truth = np.zeros((HEIGHT, WIDTH), np.float32)
-    truth[1], truth[2], truth[3], truth[4] = 0.2, 0.25, 63.0, 63.5
-    errors = judged(even(128), truth=truth)
-    # Row 2: from column 1 on, row 3: none of the 60 columns reaches 63 px back.
-    assert errors.ground == WIDTH - 1
-    truth[3] = 50.0
-    assert judged(even(128), truth=truth).ground == WIDTH - 1 + 10
 
 
 def test_errors_are_counted_above_one_and_two_pixels():

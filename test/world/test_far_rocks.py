@@ -158,22 +158,6 @@ def test_levels_show_the_same_patches(world):
     assert both > 0.4
 
 
-def test_rays_are_narrow_and_reach_beyond_the_rim():
-    crater = Craters(np.array([[3.0, -2.0]]), np.array([20.0]), np.array([0.0]),
-                     np.zeros(1, np.int32))
-    field = np.zeros((401, 401))
-    stamping.add_rays(field, 0.5, crater, 1.0)
-    angle = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
-    column = (3.0 + 25.0 * np.cos(angle)) / 0.5 + 200
-    row = (-2.0 + 25.0 * np.sin(angle)) / 0.5 + 200
-    ring = field[np.rint(row).astype(int), np.rint(column).astype(int)]
-    assert ring.max() > 0.15 and np.median(ring) < 0.1 * ring.max()
-    old = dataclasses.replace(crater, age=np.array([0.5]))
-    before = field.copy()
-    stamping.add_rays(field, 0.5, old, 1.0)
-    assert np.array_equal(field, before)
-
-
 def one_crater(diameter_m=20.0, age=0.0, x_m=3.0, y_m=-2.0):
     return Craters(np.array([[x_m, y_m]]), np.array([diameter_m]), np.array([age]),
                    np.zeros(1, np.int32))
