@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,13 @@ from lunar_rover_sim.rendering.ground_band import Band, GroundImage, GroundSourc
 from lunar_rover_sim.rendering.relief_map import ReliefShape
 from lunar_rover_sim.workers import Workers
 
-_ZERO, _FAR = np.float32(0.0), np.float32(1e9)
+_ZERO, _ONE, _FAR = (np.float32(x) for x in (0.0, 1.0, 1e9))
+# A pixel is lit at one point, with texels of at most twice its width (see `grid_rows`). Where the
+# ground in it is longer than those by three to five cells of the finest grid, it comes to take a
+# seventh of the light of each of its neighbours. That brings single pixels and the share in shadow
+# nearest to those of finer images (bench_resolution.py); far ground flickers less, too.
+_LONGER_M, _SHARE = (0.075, 0.125), np.float32(1.0 / 7.0)
+_NOWHERE_M, _LOWEST_M = (1e9, 2e9), 0.1
 
 
 @dataclasses.dataclass
@@ -112,10 +119,29 @@ class GroundPicture:
         part.draw(bands[width], row)
 
 
-def cover(image: LitImage, ground: GroundImage, workers: Workers) -> None:
-    """Add the ground to an image of objects, in place, where no object lies before it."""
+def far_ground(pixel: float, above_m: float) -> tuple[float, float]:
+    """Return at which depth pixels begin to take light of their neighbours, and take the most [m].
+
+    Args:
+        pixel: Size of one at depth 1.
+        above_m: Height of the camera above the ground.
+    """
+    # On level ground a pixel at depth d is pixel d wide and pixel d**2 / above_m long.
+    above = max(above_m, _LOWEST_M)
+    first, last = (above + math.sqrt(above**2 + above * longer / pixel) for longer in _LONGER_M)
+    return first, last
+
+
+def cover(image: LitImage, ground: GroundImage, workers: Workers,
+          far_m: tuple[float, float] = _NOWHERE_M) -> None:
+    """Add the ground to an image of objects, in place, where no object lies before it.
+
+    Args:
+        far_m: As `far_ground`.
+    """
     radiance = ground.radiance if ground.radiance is not None else ground.depth_m
-    workers.rows(_cover, len(radiance), ground.depth_m, radiance, image.depth_m, image.radiance)
+    workers.rows(_cover, len(radiance), ground.depth_m, radiance, np.array(far_m, np.float32),
+                 image.depth_m, image.radiance)
     if image.tint is not None and ground.tint is not None:
         workers.rows(_cover_tint, len(radiance), image.depth_m, ground.tint, image.tint)
 
@@ -136,16 +162,48 @@ def tell(truth: dict[str, NDArray[Any]], depth_m: NDArray[np.float32],
 
 
 @compiled
-def _cover(first, last, ground_depth, ground_radiance, depth,  # type: ignore[no-untyped-def]
-           radiance):
+def _with_neighbours(r, depth, radiance, far_m, mean):  # type: ignore[no-untyped-def]
+    """Return a row of the light of (h, w) ground; far pixels take a share of their neighbours.
+
+    Args:
+        far_m: As `far_ground`.
+        mean: (w,) memory for it.
+    """
+    h, w = depth.shape
+    own, light, first, span, count = depth[r], radiance[r], far_m[0], far_m[1] - far_m[0], 0
+    for c in range(w):
+        count += own[c] > first
+    if count == 0:
+        return light
+    high, low = max(r - 1, 0), min(r + 1, h - 1)
+    above, below, over, under = depth[high], depth[low], radiance[high], radiance[low]
+    mean[0], mean[w - 1] = light[0], light[w - 1]
+    for c in range(1, w - 1):
+        share = _SHARE * min(max((own[c] - first) / span, _ZERO), _ONE)
+        # Where there is no ground, there is no light of it.
+        a = over[c] if above[c] > _ZERO else light[c]
+        b = under[c] if below[c] > _ZERO else light[c]
+        d = light[c - 1] if own[c - 1] > _ZERO else light[c]
+        e = light[c + 1] if own[c + 1] > _ZERO else light[c]
+        mean[c] = light[c] + share * (((a - light[c]) + (b - light[c]))
+                                      + ((d - light[c]) + (e - light[c])))
+    return mean
+
+
+@compiled
+def _cover(first, last, ground_depth, ground_radiance, far_m,  # type: ignore[no-untyped-def]
+           depth, radiance):
     """Write the ground into rows of (h, w) depth and radiance, where no object lies before it.
 
     Args:
+        far_m: As `far_ground`.
         depth: Negative for objects, 0 where there are none [m].
     """
     w = depth.shape[1]
+    mean = np.empty(w, np.float32)
     for r in range(first, last):
-        own, seen, light, out = ground_depth[r], depth[r], ground_radiance[r], radiance[r]
+        own, seen, out = ground_depth[r], depth[r], radiance[r]
+        light = _with_neighbours(r, ground_depth, ground_radiance, far_m, mean)
         for c in range(w):
             before = -seen[c] if seen[c] < _ZERO else _FAR
             far = own[c] if own[c] > _ZERO else _FAR

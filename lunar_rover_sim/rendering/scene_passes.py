@@ -24,7 +24,8 @@ from lunar_rover_sim.rendering.earth_image import EarthImage
 from lunar_rover_sim.rendering.frame import FLOWS
 from lunar_rover_sim.rendering.frame_targets import LinkTargets, read_image
 from lunar_rover_sim.rendering.gl_owner import GlOwner
-from lunar_rover_sim.rendering.ground_picture import cover, cover_depth, GroundPicture, Part, tell
+from lunar_rover_sim.rendering.ground_picture import (cover, cover_depth, far_ground,
+                                                      GroundPicture, Part, tell)
 from lunar_rover_sim.rendering.labels import link_label
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
 from lunar_rover_sim.rendering.rock_pass import GroundSeen
@@ -215,8 +216,9 @@ class ScenePasses(GlOwner):
         if ground in self._shared.waiting:
             self._shared.waiting.remove(ground)
         last = len(scene.drawings) - 1
+        pixel = 1.0 / self._samples.projection.focal_px
         for side, image in samples.items():
-            cover(image, ground.images[0, side], workers)
+            cover(image, ground.images[0, side], workers, far_ground(pixel, scene.above_m))
         for side, depth_m in drawn.depth_m.items():
             own = ground.images[last, side]
             if last or side not in samples:
@@ -227,7 +229,6 @@ class ScenePasses(GlOwner):
                 tell(drawn.truth[side], depth_m, own)
         self._earth.draw(scene, samples.values())   # before outlines in front of it are smoothed
         if self._config.detail.smooth_outlines:
-            pixel = 1.0 / self._samples.projection.focal_px
             for image in samples.values():
                 smooth_outlines(image.radiance, image.depth_m, pixel, scene.above_m, workers)
         self._sun.draw(scene, samples)

@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 from relief_place import bilinear, places
 
+from lunar_rover_sim.camera.development import LitImage
 from lunar_rover_sim.rendering import grid_rows, ground_law, relief_rows, tint_rows, track_rows
+from lunar_rover_sim.rendering.ground_band import GroundImage
+from lunar_rover_sim.rendering.ground_picture import cover, far_ground
 from lunar_rover_sim.rendering.mip_texels import mip_texels, packed_levels
+from lunar_rover_sim.workers import ONE_THREAD
 from lunar_rover_sim.world.fine_relief import disc_share
 
 N = 1280                # pixels
@@ -277,3 +281,32 @@ def test_the_process_that_compiles_the_law_computes_what_later_ones_do(tmp_path)
                            env={**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)}).stdout
             for _ in range(2)]
     assert told[0] == told[1]
+
+
+def test_far_ground_takes_a_seventh_of_each_neighbour():
+    """From where a pixel is 75 mm longer than twice its width; the most where it is 125 mm.
+
+    Nearer ground stays as it is. What shows no ground has no light, not even a number.
+    """
+    h, w, above = 200, 24, 0.3
+    rng = np.random.default_rng(0)
+    depth = np.repeat((above / PIXEL / (np.arange(h) + 0.5)).astype(F32)[:, None], w, 1)
+    light = rng.random((h, w)).astype(F32)
+    holes = rng.random((h, w)) < 0.1
+    depth[holes], light[holes] = 0.0, np.nan
+    far_m = np.array(far_ground(PIXEL, above))
+    longer = PIXEL * far_m**2 / above - 2.0 * PIXEL * far_m
+    np.testing.assert_allclose(longer, [0.075, 0.125])
+    share = np.clip((depth - far_m[0]) / (far_m[1] - far_m[0]), 0.0, 1.0) / 7.0
+    share[:, [0, -1]] = 0.0
+    padded = np.pad(light, 1, constant_values=np.nan)
+    beside = np.array([padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]])
+    mean = light + share * np.nansum(beside - light, axis=0)
+    image, plain = (LitImage(np.zeros((h, w), F32), np.zeros((h, w), F32)) for _ in range(2))
+    cover(image, GroundImage(depth, light), ONE_THREAD, far_ground(PIXEL, above))
+    cover(plain, GroundImage(depth, light), ONE_THREAD)
+    np.testing.assert_allclose(image.radiance, np.where(holes, 0.0, mean), rtol=1e-5)
+    near = ~holes & (depth <= far_m[0])
+    assert near.sum() > 2000 and np.array_equal(image.radiance[near], light[near])
+    np.testing.assert_array_equal(plain.radiance, np.where(holes, 0.0, light))
+    np.testing.assert_array_equal(image.depth_m, depth)
