@@ -196,8 +196,7 @@ def share(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry,
         middle = rocks.centre[:, 0].astype(np.float32)
         for cells, owner, _, a, b in _pairs(grid, rocks, sun, near, 1):
             side = np.abs(a - middle[owner])
-            across = np.minimum(half[owner], side + 0.5 * width) \
-                - np.maximum(-half[owner], side - 0.5 * width)
+            across = np.minimum(half[owner] - side + 0.5 * width, 2.0 * half[owner])
             upward = np.clip((top[owner] - b) / height + np.float32(0.5), 0.0, 1.0)
             cells_of.append(cells)
             shares.append(np.clip(across / width, 0.0, 1.0) * upward)
