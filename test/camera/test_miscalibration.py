@@ -83,8 +83,8 @@ def test_the_margin_of_a_focal_length_is_its_share_of_half_the_image(percent: fl
     """A shorter one by a part p shows p / (1 - p) of half the image beyond, and two pixels."""
     bounds = dataclasses.replace(BOUNDS, rotation_deg=0.0, focal_percent=percent)
     part = 0.01 * percent
-    beyond = part / (1.0 - part) * 0.5 * np.array([CAMERA.width, CAMERA.height])
-    assert margin(CAMERA, bounds) == pytest.approx(beyond + 2.5, abs=0.6)
+    beyond = part / (1.0 - part) * 0.5 * np.array([80.0, 60.0])
+    assert margin(CameraConfig(80, 60), bounds) == pytest.approx(beyond + 2.5, abs=0.6)
 
 
 def test_each_seed_draws_one_within_the_bounds_and_none_is_perfect_by_default() -> None:
