@@ -16,7 +16,6 @@ from lunar_rover_sim.workers import ONE_THREAD, Workers
 F32 = NDArray[np.float32]
 
 _STEEPEST = 3.5         # times the change of inverse depth from row to row of level ground
-_LOWEST_M = 0.1
 
 
 def smooth_outlines(radiance: F32, depth_m: F32, pixel: float, above_m: float,
@@ -32,7 +31,7 @@ def smooth_outlines(radiance: F32, depth_m: F32, pixel: float, above_m: float,
         workers: Share the rows.
     """
     # The inverse depth of level ground falls by pixel / above_m a row.
-    limit = np.float32(_STEEPEST * pixel / max(above_m, _LOWEST_M))
+    limit = np.float32(_STEEPEST * pixel / above_m)
     for mixed in workers.rows(_mixed, len(depth_m), radiance, depth_m, limit):
         _write(radiance, *mixed)
 

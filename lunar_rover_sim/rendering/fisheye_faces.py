@@ -128,7 +128,7 @@ class FaceSampler:
             into: (h, w) distances, with the signs of depth.
         """
         # Inverse depth of level ground changes by 1 / (focal_px above_m) a pixel; see `outlines`.
-        outline = _STEEPEST / (self._face.projection.focal_px * max(above_m, 0.1))
+        outline = _STEEPEST / (self._face.projection.focal_px * above_m)
         into[self._rows, self._columns] = _depth_at(depth_m, self._middle, outline) * self._length
 
 

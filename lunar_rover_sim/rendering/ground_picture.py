@@ -27,7 +27,7 @@ _ZERO, _ONE, _FAR = (np.float32(x) for x in (0.0, 1.0, 1e9))
 # seventh of the light of each of its neighbours. That brings single pixels and the share in shadow
 # nearest to those of finer images (bench_resolution.py); far ground flickers less, too.
 _LONGER_M, _SHARE = (0.075, 0.125), np.float32(1.0 / 7.0)
-_NOWHERE_M, _LOWEST_M = (1e9, 2e9), 0.1
+_NOWHERE_M = 1e9, 2e9
 
 
 @dataclasses.dataclass
@@ -127,8 +127,8 @@ def far_ground(pixel: float, above_m: float) -> tuple[float, float]:
         above_m: Height of the camera above the ground.
     """
     # On level ground a pixel at depth d is pixel d wide and pixel d**2 / above_m long.
-    above = max(above_m, _LOWEST_M)
-    first, last = (above + math.sqrt(above**2 + above * longer / pixel) for longer in _LONGER_M)
+    first, last = (above_m + math.sqrt(above_m**2 + above_m * longer / pixel)
+                   for longer in _LONGER_M)
     return first, last
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import cv2
@@ -42,12 +43,11 @@ def mip_texels(textures: Sequence[NDArray[Any]], side: int) -> MipTexels:
     words = np.zeros(first[-1], word)
 
     def fill(k: int) -> None:
+        levels = [words[start + k * n * n:start + (k + 1) * n * n].view(kind).reshape(n, n, 4)
+                  for start, n in zip(first, sides)]
         m = len(textures[k])
-        level = words[k * side * side:(k + 1) * side * side].view(kind).reshape(side, side, 4)
-        level[:m, :m] = textures[k]
-        for start, n in zip(first[1:], sides[1:]):
-            finer, level = level, words[start + k * n * n:start + (k + 1) * n * n].view(
-                kind).reshape(n, n, 4)
+        levels[0][:m, :m] = textures[k]
+        for finer, level in pairwise(levels):
             _halve(finer, level)
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(fill, range(count)))

@@ -34,6 +34,7 @@ _SHADED = ({'left', 'radiance'}, {'right'})     # layers that need light, by sid
 _TRUTH = {'normal', 'label', 'crater', 'shadow'}
 _PREFIXES = ('', 'right_')      # of layers of truth, by side
 _NEAREST_M = 0.1                # least depth of a link that its motion is judged by
+LOWEST_M = 0.1                  # of cameras over the ground: below, it is seen edge on
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,7 +155,7 @@ class Scene:
         T_world_cameras: (4, 4) of both cameras.
         lights: Of each of `WorldPasses.sources`, the sun first.
         sun: What the cameras see of the sun, None if it cannot reach their lenses.
-        above_m: Height of the middle of the cameras above the ground.
+        above_m: Height of the middle of the cameras above the ground, at least `LOWEST_M`.
         shows_rover: Whether the rover is in view.
         tracks: Where they may be in view.
         lamp: None without a lamp, or without light.
@@ -170,7 +171,7 @@ class Scene:
     T_world_cameras: list[Array]
     lights: list[SceneLight] = dataclasses.field(default_factory=list)
     sun: SeenSun | None = None
-    above_m: float = 0.0
+    above_m: float = LOWEST_M
     shows_rover: bool = False
     tracks: SeenTracks = SeenTracks()
     lamp: LampLight | None = None

@@ -29,7 +29,7 @@ from lunar_rover_sim.rendering.ground_picture import (cover, cover_depth, far_gr
 from lunar_rover_sim.rendering.labels import link_label
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
 from lunar_rover_sim.rendering.rock_pass import GroundSeen
-from lunar_rover_sim.rendering.scene import LEFT, Request, Scene, SceneLight
+from lunar_rover_sim.rendering.scene import LEFT, LOWEST_M, Request, Scene, SceneLight
 from lunar_rover_sim.rendering.sun_pass import Occluders, SunPass
 from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.pose import RoverPose
@@ -115,7 +115,8 @@ class ScenePasses(GlOwner):
                 source.tracks.update(volume, shared.make_waiting)
         shared.ground.update(volume, shared.make_waiting)
         scene = Scene(request, *self._drawings(request), state, links, cameras,
-                      above_m=volume.above_m, tracks=shared.ground.tracks_in(volume))
+                      above_m=max(volume.above_m, LOWEST_M),
+                      tracks=shared.ground.tracks_in(volume))
         if request.lit:
             if shared.lamp is not None:
                 scene.lamp = shared.lamp.draw(T_world_base, shared.world, shared.ground,
@@ -217,8 +218,9 @@ class ScenePasses(GlOwner):
             self._shared.waiting.remove(ground)
         last = len(scene.drawings) - 1
         pixel = 1.0 / self._samples.projection.focal_px
+        far_m = far_ground(pixel, scene.above_m)
         for side, image in samples.items():
-            cover(image, ground.images[0, side], workers, far_ground(pixel, scene.above_m))
+            cover(image, ground.images[0, side], workers, far_m)
         for side, depth_m in drawn.depth_m.items():
             own = ground.images[last, side]
             if last or side not in samples:
