@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import threading
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +11,23 @@ from numpy.typing import NDArray
 from lunar_rover_sim.errors import LunarRoverSimError, one_line
 from lunar_rover_sim.files.paths import check_regular
 
+# NumPy parses the headers of files by `ast`, which fails now and then in Python 3.11 where two
+# threads do so at once (CPython's issue 106905).
+_HEADERS = threading.Lock()
+
+
+def read_array(path: Path) -> NDArray:
+    """Return the array of a .npy file of our own; raise OSError, ValueError or EOFError."""
+    with _HEADERS:
+        return np.asarray(np.load(path, allow_pickle=False))
+
 
 def map_array(path: Path, error: type[LunarRoverSimError]) -> NDArray:
     """Return the array of a .npy file, mapped and read-only; raise `error` if there is none."""
     check_regular(path, error)
     try:
-        return np.lib.format.open_memmap(path, mode='r')
+        with _HEADERS:
+            return np.lib.format.open_memmap(path, mode='r')
     except Exception as reason:  # whatever NumPy makes of a damaged file
         raise error(f'{path}: {one_line(reason)}') from None
 
@@ -30,7 +42,7 @@ def read_archive(path: Path, error: type[LunarRoverSimError],
     """
     check_regular(path, error)
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with _HEADERS, np.load(path, allow_pickle=False) as archive:
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise error(f'{path}: not an npz archive')
             for info in archive.zip.infolist():  # type: ignore[union-attr]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.files.arrays import read_array
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.world.cache import cache_folder
 
@@ -30,7 +31,7 @@ def kept(name: str, recipe: Any, make: Callable[[], NDArray[Any]]) -> NDArray[An
     key = hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
     path = cache_folder().parent / 'arrays' / f'{name}_{key}.npy'
     try:
-        return np.asarray(np.load(path, allow_pickle=False))
+        return read_array(path)
     except FileNotFoundError:
         pass
     except (OSError, ValueError, EOFError) as error:
