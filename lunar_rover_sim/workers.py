@@ -15,7 +15,7 @@ _FEWEST_ROWS = 16       # of a thread: of less, handing over takes as long as th
 class Workers:
     """Calls a function many times, in threads or one call after the other.
 
-    The calls write to different places, and compiled functions hold no lock: results are the same
+    The thread that asks for the calls takes its part. The calls write to different places, and compiled functions hold no lock: results are the same
     with any number of threads.
 
     Attributes:
@@ -27,13 +27,28 @@ class Workers:
         cores = len(os.sched_getaffinity(0))
         self._count = min(max(cores // 2, min(cores, 2)), _MOST_THREADS) if count is None \
             else count
-        self._pool = ThreadPoolExecutor(self._count) if self._count > 1 else None
+        self._pool = ThreadPoolExecutor(self._count - 1) if self._count > 1 else None
         self.memory = threading.local()
 
     def map(self, function: Callable[..., Any], tasks: Iterable[tuple[Any, ...]]) -> list[Any]:
         """Return the results of a function for the arguments of each task, in order."""
-        every = map if self._pool is None else self._pool.map
-        return list(every(lambda task: function(*task), tasks))
+        tasks = list(tasks)
+        results: list[Any] = [None] * len(tasks)
+        left = iter(enumerate(tasks))
+
+        def work() -> None:
+            for k, task in left:
+                results[k] = function(*task)
+        others = [self._pool.submit(work) for _ in range(min(self._count, len(tasks)) - 1)] \
+            if self._pool is not None else []
+        try:
+            work()
+        finally:
+            # One that has not begun finds nothing left to do.
+            errors = [other.exception() for other in others if not other.cancel()]
+        for error in filter(None, errors):
+            raise error
+        return results
 
     def rows(self, function: Callable[..., Any], height: int, *args: Any) -> list[Any]:
         """Call function(first row, row after the last, *args) for all rows of an image."""
