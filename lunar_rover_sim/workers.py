@@ -15,8 +15,8 @@ _FEWEST_ROWS = 16       # of a thread: of less, handing over takes as long as th
 class Workers:
     """Calls a function many times, in threads or one call after the other.
 
-    The thread that asks for the calls takes its part. The calls write to different places, and compiled functions hold no lock: results are the same
-    with any number of threads.
+    The thread that asks for the calls takes its part. They write to different places, and compiled
+    functions hold no lock: results are the same with any number of threads.
 
     Attributes:
         memory: What each thread keeps from call to call.

@@ -42,8 +42,8 @@ _WORN_FACES = 320       # a hull has fewer
 _SOFT = 0.25            # share of the mean around a vertex in the normal of a broken face
 
 
-# Bodies that span a box of half sides 1. They stand for all rocks of a few pixels, and of one or two,
-# with axes of their own, see `body_axes`.
+# Bodies that span a box of half sides 1. They stand for all rocks of a few pixels, and of one or
+# two, with axes of their own, see `body_axes`.
 OCTAHEDRON = RockShape('octahedron', np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32),
                        np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2],
                                  [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]], np.int32))

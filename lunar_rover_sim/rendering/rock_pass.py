@@ -13,8 +13,8 @@ from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.rendering.context import enable, load_program, release_all
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
-from lunar_rover_sim.rendering.rock_meshes import (body_axes, body_mesh, library_meshes, OCTAHEDRON,
-                                                   TETRAHEDRON)
+from lunar_rover_sim.rendering.rock_meshes import (body_axes, body_mesh, library_meshes,
+                                                   OCTAHEDRON, TETRAHEDRON)
 from lunar_rover_sim.rendering.surface import Surface
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 

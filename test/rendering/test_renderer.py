@@ -95,7 +95,8 @@ def test_pictures_do_not_depend_on_the_number_of_threads(monkeypatch, world, sen
         with Renderer(world, scene.ROVER, config) as renderer:
             frames.append(renderer.render(state, 3, LAYERS))
             threads.append(threading.active_count() - before)
-    assert threads == [0, 2, 3]
+    # Beside the thread that draws; one that is idle may do the work of the next one.
+    assert threads in ([0, 1, 1], [0, 1, 2])
     for field in dataclasses.fields(frames[0]):
         for frame in frames[1:]:
             np.testing.assert_array_equal(getattr(frames[0], field.name),
