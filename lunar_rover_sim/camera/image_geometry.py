@@ -57,11 +57,12 @@ class ImageGeometry(Protocol):
     def pupil(self, direction: Array) -> float:
         """Return the area of the entrance pupil square to a direction, over that on the axis."""
 
-    def scatter(self, places_px: Array, direction: Array) -> tuple[Array, Array]:
-        """Return what light from a direction scatters to (..., 2) pixels depends on.
+    def scatter(self, columns_px: Array, rows_px: Array,
+                direction: Array) -> tuple[Array, Array]:
+        """Return what light from a direction scatters to pixels depends on.
 
-        Returns the distances that the law of scatter counts, and the scattered radiance for a
-        scatter of one per steradian.
+        Columns and rows broadcast. Returns the distances that the law of scatter counts, and the
+        scattered radiance for a scatter of one per steradian.
         """
 
     def rays(self, places_px: Array) -> Array:
@@ -74,9 +75,9 @@ class ImageGeometry(Protocol):
         """Return the (n,) speeds of points in the image [px/s], or somewhat more."""
 
 
-def lengths(vectors: Array) -> Array:
-    """Return the lengths of (..., 2) vectors, sooner than `numpy.linalg.norm`."""
-    return np.asarray(np.sqrt(vectors[..., 0]**2 + vectors[..., 1]**2))
+def lengths(x: Array, y: Array) -> Array:
+    """Return the lengths of vectors whose components broadcast, sooner than `numpy.hypot`."""
+    return np.asarray(np.sqrt(x * x + y * y))
 
 
 class PinholeImage:
@@ -101,12 +102,13 @@ class PinholeImage:
         """Return the cosine of the angle to the axis."""
         return max(float(direction[2]), 1e-6)
 
-    def scatter(self, places_px: Array, direction: Array) -> tuple[Array, Array]:
+    def scatter(self, columns_px: Array, rows_px: Array,
+                direction: Array) -> tuple[Array, Array]:
         """Return distances in direction cosines; the same scatter has the same radiance."""
-        tangents = (places_px - self.K[:2, 2]) / self.focal_px
-        cosine = cosine_fourth(places_px, self.K)**0.25
-        apart = tangents * cosine[..., None] - direction[:2]
-        return lengths(apart), np.ones(apart.shape[:-1])
+        x = (columns_px - self.K[0, 2]) / self.focal_px
+        y = (rows_px - self.K[1, 2]) / self.focal_px
+        cosine = 1.0 / np.sqrt(1.0 + x * x + y * y)
+        return lengths(x * cosine - direction[0], y * cosine - direction[1]), np.ones(())
 
     def rays(self, places_px: Array) -> Array:
         """Return (n, 3) vectors of depth 1."""
@@ -149,14 +151,17 @@ class FisheyeImage:
         """Return 1: as in `FisheyeCamera.falloff`."""
         return 1.0
 
-    def scatter(self, places_px: Array, direction: Array) -> tuple[Array, Array]:
+    def scatter(self, columns_px: Array, rows_px: Array,
+                direction: Array) -> tuple[Array, Array]:
         """Return distances in the image over the focal length.
 
         Behind the front elements, which bend light from the side towards the axis, directions lie
         about as the image does.
         """
-        apart = (places_px - self.place(direction)) / self.focal_px
-        return lengths(apart), 1.0 / self.falloff(places_px)
+        x, y = self.place(direction)
+        apart = lengths(columns_px - x, rows_px - y) / self.focal_px
+        places = np.stack(np.broadcast_arrays(columns_px, rows_px), axis=-1)
+        return apart, 1.0 / self.falloff(places)
 
     def rays(self, places_px: Array) -> Array:
         """Return (n, 3) unit vectors, beyond the limit those on the limit."""

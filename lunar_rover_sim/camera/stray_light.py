@@ -60,9 +60,10 @@ class StrayLight:
         self._glare = Glare(lens, (rows, columns), _CELL, image.width * image.height)
         middle = (np.indices((rows, columns), float)[::-1].transpose(1, 2, 0) + 0.5) * _CELL - 0.5
         self._falloff = image.falloff(middle)
-        corners = np.indices((rows + 1, columns + 1), float)[::-1].transpose(1, 2, 0) * _CELL - 0.5
-        self._corners_px = corners
-        self._amplified = 1.0 / image.falloff(corners)  # radiance of an irradiance of one
+        corners = np.arange(columns + 1.0) * _CELL - 0.5, np.arange(rows + 1.0) * _CELL - 0.5
+        self._corners_px = corners[0][None], corners[1][:, None]
+        # Radiance of an irradiance of one.
+        self._amplified = 1.0 / image.falloff(np.stack(np.meshgrid(*corners), axis=-1))
         # Both cameras of a pair see the sun in one place.
         self._of_sun = functools.lru_cache(1)(self._light_of_sun)
 
@@ -105,12 +106,12 @@ class StrayLight:
         """
         towards = np.array(direction)
         place = self._image.place(towards)
-        part, places = self._square(place, _NEAR_PX[1])
-        parts = [(part, _nearby(places, place) * self._scatter(places, towards))]
+        part, near = self._square(place, _NEAR_PX[1])
+        parts = [(part, _nearby(*near, place) * self._scatter(*near, towards))]
         if self._lens.config.ghost_share > 0.0:
             parts += self._ghosts(towards, place)
         corners = self._corners_px
-        return (1.0 - _nearby(corners, place)) * self._scatter(corners, towards), parts
+        return (1.0 - _nearby(*corners, place)) * self._scatter(*corners, towards), parts
 
     def _veiled(self, radiance: F32, stray: Array) -> F32:
         """Return the direct share of radiance, and stray light, known at corners of cells."""
@@ -120,9 +121,9 @@ class StrayLight:
         return np.asarray(cv2.scaleAdd(radiance, self._lens.direct_share,
                                        veil[begin:begin + h, begin:begin + w]), np.float32)
 
-    def _scatter(self, places_px: Array, direction: Array) -> Array:
+    def _scatter(self, columns_px: Array, rows_px: Array, direction: Array) -> Array:
         """Return the radiance that light of an irradiance of one scatters to pixels."""
-        apart, radiance = self._image.scatter(places_px, direction)
+        apart, radiance = self._image.scatter(columns_px, rows_px, direction)
         return self._lens.scatter(apart) * radiance
 
     def _ghosts(self, direction: Array, sun_px: Array) -> list[tuple[Part, Array]]:
@@ -133,28 +134,30 @@ class StrayLight:
         result = []
         for ghost in GHOSTS:
             place = centre + ghost.place * (sun_px - centre)
-            part, places = self._square(place, ghost.reach_px(focal))
             passing = ghost.passing(direction)
-            if places.size and passing > 0.0:
+            part, (columns, rows) = self._square(place, ghost.reach_px(focal))
+            if passing > 0.0 and columns.size and rows.size:
+                light = ghost.irradiance(lengths(columns - place[0], rows - place[1]), focal)
                 # Radiance is irradiance per pixel over the fall-off and the pixel's solid angle.
-                result.append((part, ghost.irradiance(lengths(places - place), focal) * (
-                    pair * passing * focal**2 / float(self._image.falloff(place)))))
+                result.append((part, light * (pair * passing * focal**2
+                                              / float(self._image.falloff(place)))))
         return result
 
-    def _square(self, place: Array, radius_px: float) -> tuple[Part, Array]:
-        """Return the part of the image around a place, and the (h, w, 2) places of its pixels."""
+    def _square(self, place: Array, radius_px: float) -> tuple[Part, tuple[Array, Array]]:
+        """Return the part of the image around a place, and its (1, w) columns and (h, 1) rows."""
         size = np.array([self._image.width, self._image.height])
         low = np.clip(np.floor(place - radius_px), 0, size).astype(int)
         high = np.clip(np.ceil(place + radius_px) + 1, 0, size).astype(int)
         columns, rows = (np.arange(a, b, dtype=float) for a, b in zip(low, high))
         return ((slice(low[1], high[1]), slice(low[0], high[0])),
-                np.stack(np.meshgrid(columns, rows), axis=-1))
+                (columns[None], rows[:, None]))
 
 
-def _nearby(places_px: Array, sun_px: Array) -> Array:
+def _nearby(columns_px: Array, rows_px: Array, sun_px: Array) -> Array:
     """Return the share of the scattered light at places that is computed pixel by pixel."""
     low, high = _NEAR_PX
-    return smoothstep((high - lengths(places_px - sun_px)) / (high - low))
+    apart = lengths(columns_px - sun_px[0], rows_px - sun_px[1])
+    return smoothstep((high - apart) / (high - low))
 
 
 @compiled

@@ -135,7 +135,7 @@ def test_light_from_beyond_the_image_has_its_place_in_the_image_plane(k) -> None
         expected = (camera.project(direction) if theta < camera.limit_rad else
                     camera.K[:2, 2] + beyond * np.array([math.cos(turn), math.sin(turn)]))
         assert place == pytest.approx(expected, abs=1e-9)
-        apart, light = image.scatter(pixels, direction)
+        apart, light = image.scatter(pixels[..., 0], pixels[..., 1], direction)
         assert apart * camera.focal_px == pytest.approx(np.hypot(*(pixels - place).T).T)
         assert light * camera.falloff(pixels) == pytest.approx(np.ones((1, 2)))
         assert image.pupil(direction) == 1.0
