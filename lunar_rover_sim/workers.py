@@ -34,7 +34,7 @@ class Workers:
         """Return the results of a function for the arguments of each task, in order."""
         tasks = list(tasks)
         results: list[Any] = [None] * len(tasks)
-        left = iter(enumerate(tasks))
+        left = iter(enumerate(tasks))   # the interpreter's lock hands out each of them once
 
         def work() -> None:
             for k, task in left:

@@ -42,8 +42,8 @@ _WORN_FACES = 320       # a hull has fewer
 _SOFT = 0.25            # share of the mean around a vertex in the normal of a broken face
 
 
-# Bodies that span a box of half sides 1. They stand for all rocks of a few pixels, and of one or
-# two, with axes of their own, see `body_axes`.
+# Solids that span a box of half sides 1. They stand for all rocks of a few pixels, and of one or
+# two, with axes of their own, see `solid_axes`.
 OCTAHEDRON = RockShape('octahedron', np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32),
                        np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2],
                                  [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]], np.int32))
@@ -52,11 +52,11 @@ TETRAHEDRON = RockShape('tetrahedron', np.array([[1, 1, 1], [1, -1, -1], [-1, 1,
                         np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]], np.int32))
 
 
-def body_axes(body: RockShape, shape: RockShape) -> Array:
-    """Return the (3,) scales at which a body has the mean outline of a shape."""
+def solid_axes(solid: RockShape, shape: RockShape) -> Array:
+    """Return the (3,) scales at which a solid has the mean outline of a shape."""
     points = shape.vertices.astype(float)
     axes = 0.5 * np.ptp(points, axis=0)
-    surface = _surface(body.vertices * axes, body.faces)
+    surface = _surface(solid.vertices * axes, solid.faces)
     return np.asarray(axes * np.sqrt(_surface(points, shape.faces) / surface))
 
 
@@ -188,15 +188,15 @@ class Mesh(NamedTuple):
     corners: NDArray[np.int32]
 
 
-def body_mesh(body: RockShape) -> Mesh:
-    """Return a body with normals shorter than 1.
+def solid_mesh(solid: RockShape) -> Mesh:
+    """Return a solid with normals shorter than 1.
 
     The normal that light is computed with is their sum with that of the face: so each vertex is
     the same one in all its faces.
     """
-    places = body.vertices
+    places = solid.vertices
     normals = places * np.float32(_SOFT / (1.0 - _SOFT) / np.linalg.norm(places[0]))
-    return Mesh(np.concatenate([places, normals], axis=1), body.faces.ravel())
+    return Mesh(np.concatenate([places, normals], axis=1), solid.faces.ravel())
 
 
 def library_meshes(shapes: tuple[RockShape, ...], levels: tuple[int, ...],

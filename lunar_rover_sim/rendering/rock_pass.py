@@ -13,8 +13,8 @@ from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.rendering.context import enable, load_program, release_all
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
-from lunar_rover_sim.rendering.rock_meshes import (body_axes, body_mesh, library_meshes,
-                                                   OCTAHEDRON, TETRAHEDRON)
+from lunar_rover_sim.rendering.rock_meshes import (library_meshes, OCTAHEDRON, solid_axes,
+                                                   solid_mesh, TETRAHEDRON)
 from lunar_rover_sim.rendering.surface import Surface
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
@@ -24,9 +24,9 @@ _INSTANCE = '3f 3f 3f 3f 4f 4f /i'
 _NAMES = ('i_position', 'i_x', 'i_y', 'i_z', 'i_light', 'i_matter')
 _FLOATS = 20
 # Rocks smaller than _COARSE_PX are drawn as hulls of _COARSE_VERTICES vertices, those smaller than
-# _BODIES_PX as bodies; larger ones worn, with the finer meshes, the larger they look.
+# _SOLIDS_PX as solids; larger ones worn, with the finer meshes, the larger they look.
 _COARSE_PX, _COARSE_VERTICES = 14.0, 10
-_BODIES, _BODIES_PX = (OCTAHEDRON, TETRAHEDRON), (5.0, 2.0)
+_SOLIDS, _SOLIDS_PX = (OCTAHEDRON, TETRAHEDRON), (5.0, 2.0)
 _LEVELS, _LEVELS_PX = (4, 3, 2), (160.0, 45.0)
 _KINDS = len(_LEVELS) + 1       # of a shape
 _RADIUS = 0.75          # of a ball around a rock of diameter 1
@@ -80,15 +80,15 @@ class RockPass:
         reach = np.stack([np.abs(shape.vertices).max(axis=0) for shape in shapes])
         self._half = _WORN * np.einsum('nij,nj->ni', np.abs(columns), reach[rocks.shape])
         self.boxes: Array = np.zeros((0, 2, 3))
-        self._axes = np.array([[body_axes(body, shape) for shape in shapes] for body in _BODIES],
+        self._axes = np.array([[solid_axes(one, shape) for shape in shapes] for one in _SOLIDS],
                               np.float32)
-        # A kind is a shape with its detail; the last kinds are bodies, which stand for all.
-        self._first_body = _KINDS * len(shapes)
+        # A kind is a shape with its detail; the last kinds are solids, which stand for all.
+        self._first_solid = _KINDS * len(shapes)
         self._instances: dict[int, moderngl.Buffer] = {}
         self._counts: dict[int, int] = {}
         self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
         self._meshes = [[context.buffer(part.tobytes()) for part in mesh] for mesh in (
-            *library_meshes(shapes, _LEVELS, _COARSE_VERTICES), *map(body_mesh, _BODIES))]
+            *library_meshes(shapes, _LEVELS, _COARSE_VERTICES), *map(solid_mesh, _SOLIDS))]
 
     def prepare_truth(self) -> None:
         """Be able to draw truth from now on; adds to `programs`."""
@@ -116,16 +116,16 @@ class RockPass:
         detail = sum((size < limit * distance).astype(np.int64)
                      for limit in (*_LEVELS_PX, _COARSE_PX))
         kind_of = _KINDS * shape + detail
-        for body, limit in enumerate(_BODIES_PX):
-            kind_of[size < limit * distance] = self._first_body + body
+        for solid, limit in enumerate(_SOLIDS_PX):
+            kind_of[size < limit * distance] = self._first_solid + solid
         order = np.argsort(kind_of, kind='stable')
         data = self._data[visible[order]]
         kinds, starts, counts = np.unique(kind_of[order], return_index=True, return_counts=True)
         self._counts = dict(zip(kinds.tolist(), counts.tolist()))
         for kind, start, count in zip(kinds.tolist(), starts, counts):
             part = data[start:start + count]
-            if kind >= self._first_body:    # the axes take the place of the vertices of the shape
-                axes = self._axes[kind - self._first_body, shape[order[start:start + count]]]
+            if kind >= self._first_solid:    # the axes take the place of the vertices of the shape
+                axes = self._axes[kind - self._first_solid, shape[order[start:start + count]]]
                 part[:, 3:12] *= np.repeat(axes, 3, axis=1)
             self._write(kind, part)
 
@@ -140,7 +140,7 @@ class RockPass:
     def _write(self, kind: int, data: F32) -> None:
         """Write the instances of one kind."""
         if kind not in self._instances:
-            members = len(self.rocks) if kind >= self._first_body else \
+            members = len(self.rocks) if kind >= self._first_solid else \
                 int((self.rocks.shape == kind // _KINDS).sum())
             self._instances[kind] = self._context.buffer(reserve=4 * _FLOATS * members,
                                                          dynamic=True)

@@ -20,7 +20,7 @@ uniform float u_rough;          // how rough rocks are, and how much soil lies o
 void main() {
     vec3 face = normalize(cross(dFdx(v_relative), dFdy(v_relative)));
     face = dot(face, v_relative) > 0.0 ? -face : face;
-    // Each vertex of a body is one of several faces: its normal tells how round these look.
+    // Each vertex of a solid is one of several faces: its normal tells how round these look.
     vec3 rounder = normalize(v_normal + (dot(v_normal, v_normal) < 0.2 ? face : vec3(0.0)));
     vec3 normal = rounder;
     vec3 view = -normalize(v_relative);

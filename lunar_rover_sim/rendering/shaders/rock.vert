@@ -16,7 +16,7 @@ void main() {
     vec3 arm = turn * a_position;
     v_local = a_position * length(i_x);
     v_relative = i_position - u_camera + arm;
-    // Bodies have axes of different length.
+    // Solids have axes of different length.
     v_normal = length(a_normal) * normalize(
         i_x * (a_normal.x / dot(i_x, i_x)) + i_y * (a_normal.y / dot(i_y, i_y))
         + i_z * (a_normal.z / dot(i_z, i_z)));
