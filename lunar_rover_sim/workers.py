@@ -27,7 +27,7 @@ class Workers:
         cores = len(os.sched_getaffinity(0))
         self._count = min(max(cores // 2, min(cores, 2)), _MOST_THREADS) if count is None \
             else count
-        self._pool = ThreadPoolExecutor(self._count - 1) if self._count > 1 else None
+        self._pool = ThreadPoolExecutor(max(self._count - 1, 1))    # unused by a count of one
         self.memory = threading.local()
 
     def map(self, function: Callable[..., Any], tasks: Iterable[tuple[Any, ...]]) -> list[Any]:
@@ -39,8 +39,7 @@ class Workers:
         def work() -> None:
             for k, task in left:
                 results[k] = function(*task)
-        others = [self._pool.submit(work) for _ in range(min(self._count, len(tasks)) - 1)] \
-            if self._pool is not None else []
+        others = [self._pool.submit(work) for _ in range(min(self._count, len(tasks)) - 1)]
         try:
             work()
         finally:
@@ -62,8 +61,7 @@ class Workers:
 
     def release(self) -> None:
         """Let the threads end."""
-        if self._pool is not None:
-            self._pool.shutdown()
+        self._pool.shutdown()
 
 
 ONE_THREAD = Workers(1)

@@ -58,12 +58,12 @@ class StrayLight:
         self._lens, self._image, self._most = lens, image, np.float32(most_radiance)
         rows, columns = -(-image.height // _CELL), -(-image.width // _CELL)
         self._glare = Glare(lens, (rows, columns), _CELL, image.width * image.height)
-        middle = (np.indices((rows, columns), float)[::-1].transpose(1, 2, 0) + 0.5) * _CELL - 0.5
-        self._falloff = image.falloff(middle)
-        corners = np.arange(columns + 1.0) * _CELL - 0.5, np.arange(rows + 1.0) * _CELL - 0.5
-        self._corners_px = corners[0][None], corners[1][:, None]
+        x, y = (np.arange(n + 1.0) * _CELL - 0.5 for n in (columns, rows))
+        middle = np.meshgrid(x[:-1] + 0.5 * _CELL, y[:-1] + 0.5 * _CELL)
+        self._falloff = image.falloff(np.stack(middle, axis=-1))
+        self._corners_px = x[None], y[:, None]
         # Radiance of an irradiance of one.
-        self._amplified = 1.0 / image.falloff(np.stack(np.meshgrid(*corners), axis=-1))
+        self._amplified = 1.0 / image.falloff(np.stack(np.meshgrid(x, y), axis=-1))
         # Both cameras of a pair see the sun in one place.
         self._of_sun = functools.lru_cache(1)(self._light_of_sun)
 

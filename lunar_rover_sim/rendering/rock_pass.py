@@ -124,7 +124,7 @@ class RockPass:
         self._counts = dict(zip(kinds.tolist(), counts.tolist()))
         for kind, start, count in zip(kinds.tolist(), starts, counts):
             part = data[start:start + count]
-            if kind >= self._first_solid:    # the axes take the place of the vertices of the shape
+            if kind >= self._first_solid:  # the axes take the place of the vertices of the shape
                 axes = self._axes[kind - self._first_solid, shape[order[start:start + count]]]
                 part[:, 3:12] *= np.repeat(axes, 3, axis=1)
             self._write(kind, part)
