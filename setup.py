@@ -37,11 +37,11 @@ setup(
     maintainer='lunar_rover_sim developers',
     maintainer_email='lunar-rover-sim@example.com',
     packages=find_packages(include=[NAME, NAME + '.*']),
-    package_data={NAME: ['rendering/shaders/*', '*/templates/*']},
+    package_data={NAME: ['image/rendering/shaders/*', '*/templates/*', '*/*/templates/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
         (SHARE, ['package.xml']),
-        (os.path.join(SHARE, 'launch'), sorted(glob('lunar_rover_sim/launch/*.launch.py'))),
+        (os.path.join(SHARE, 'launch'), sorted(glob('lunar_rover_sim/nodes/launch/*.launch.py'))),
         *folder('config'),
         *folder('resource/orb_slam3'),
         *programs,
@@ -101,7 +101,7 @@ setup(
                  'onnxruntime>=1.18'],
         # Random changes of the code, to see which of them the tests notice.
         'mutation': ['cosmic-ray>=8.4', 'coverage>=7.4'],
-        'docs': ['furo>=2024.8', 'grimp>=3', 'myst-nb>=1.1', 'sphinx>=7'],
+        'docs': ['furo>=2024.8', 'myst-nb>=1.1', 'sphinx>=7'],
     },
     # Each of these is a name for resource/nodes/start.
     scripts=sorted(glob('resource/nodes/*_node')),

@@ -14,12 +14,12 @@ import cv2
 import numpy as np
 from scipy import stats
 
-from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, standing
+from lunar_rover_sim.image.rendering.snapshot import HEIGHT_M, settle, standing
+from lunar_rover_sim.image.stereo.depth import disparity_from_depth
+from lunar_rover_sim.image.stereo.error import stereo_errors
+from lunar_rover_sim.image.stereo.points import grey
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.stereo.depth import disparity_from_depth
-from lunar_rover_sim.stereo.error import stereo_errors
-from lunar_rover_sim.stereo.points import grey
 
 PLACES, TURNS, SUN_DEG = 10, 4, 10.0
 COLUMNS = 'CPU of a pair [ms]', 'bad-1 [%]', 'density [%]', 'ORB keypoints', 'exposure [ms]'

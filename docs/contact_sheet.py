@@ -19,11 +19,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, standing
+from lunar_rover_sim.ground.world.cache import cached
+from lunar_rover_sim.ground.world.world_folder import load_world
+from lunar_rover_sim.image.rendering.snapshot import HEIGHT_M, settle, standing
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.world.cache import cached
-from lunar_rover_sim.world.world_folder import load_world
 
 # Scenarios, and what is set besides; `highland` is as steep as an average one.
 SCENARIOS: dict[str, tuple[str, ...]] = {

@@ -25,9 +25,9 @@ import numpy as np
 
 from lunar_rover_sim import evaluate, open_bag, record, Scenario, Simulation, Trajectory
 from lunar_rover_sim.bag.series import read_odometry
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.products.sequences.export import export
 from lunar_rover_sim.run.ros_domain import OwnDomain
-from lunar_rover_sim.sequences.export import export
 
 matplotlib.use('Agg')
 from matplotlib import pyplot  # noqa: E402  (behind the choice of a backend)

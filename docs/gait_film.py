@@ -14,11 +14,11 @@ import sys
 import cv2
 import numpy as np
 
-from lunar_rover_sim.files.film_file import write_film
-from lunar_rover_sim.learning.picture import ChasePicture
-from lunar_rover_sim.learning.policy_file import Policy
-from lunar_rover_sim.learning.tasks import make_task
-from lunar_rover_sim.studies.learning import HIDDEN_SEEDS, PACKAGED, SPEED_MPS
+from lunar_rover_sim.autonomy.learning.picture import ChasePicture
+from lunar_rover_sim.autonomy.learning.policy_file import Policy
+from lunar_rover_sim.autonomy.learning.tasks import make_task
+from lunar_rover_sim.base.files.film_file import write_film
+from lunar_rover_sim.judge.studies.learning import HIDDEN_SEEDS, PACKAGED, SPEED_MPS
 
 GROUND, FROM_S, TO_S = 'highland', 4.0, 7.0
 RATE_HZ, SIZE_PX = 12.5, 288

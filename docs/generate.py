@@ -3,30 +3,31 @@
     python docs/generate.py
 
 writes docs/_generated/: the table of topics, the tables of parameters, the command line, the
-public names, and the rooms as a picture and a table. The Sphinx configuration calls it before
+public names, and the wings. The Sphinx configuration calls it before
 every build.
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
 from collections.abc import Iterator
+from configparser import ConfigParser
 from pathlib import Path
 import re
 
 import benchmarks
-import rooms
 
 import lunar_rover_sim
-from lunar_rover_sim import topics
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.parameters import Parameters
 from lunar_rover_sim.cli.main import parser
-from lunar_rover_sim.parameters import Parameters
+from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.companion_config import COMPANION_CONFIGS
 from lunar_rover_sim.run.node_config import NODE_CONFIGS
 from lunar_rover_sim.run.scenario import RunConfig, Scenario, SHARED
 from lunar_rover_sim.run.shared_config import NodeConfig
-from lunar_rover_sim.world.config import WorldConfig
 
 SECTIONS: dict[str, type[Parameters]] = {
     SHARED: NodeConfig, 'run': RunConfig, 'world': WorldConfig, 'rover': RoverDescription,
@@ -34,20 +35,24 @@ SECTIONS: dict[str, type[Parameters]] = {
 
 # What a program may need besides the names that the package exports.
 MODULES = {
-    'Errors': ['errors'],
-    'Frames': ['frames'],
-    'World': ['world.build', 'world.world_folder', 'world.grid', 'world.site'],
-    'Physics and gait': ['physics.state', 'sensors.imu', 'sensors.sensor', 'gait.shaping'],
-    'Soft ground': ['regolith.soil', 'regolith.overlay'],
-    'Images and stereo': ['rendering.frame', 'camera.rig', 'stereo.depth', 'stereo.error',
-                          'illumination.hapke', 'illumination.sky'],
-    'LiDAR': ['lidar.optics', 'lidar.beam_pattern', 'lidar.motion', 'lidar.scan'],
+    'Errors': ['base.errors'],
+    'Frames': ['base.frames'],
+    'World': ['ground.world.build', 'ground.world.world_folder', 'ground.world.grid',
+              'ground.world.site'],
+    'Physics and gait': ['rover.physics.state', 'sensors.imu', 'sensors.sensor',
+                         'rover.gait.shaping'],
+    'Soft ground': ['ground.regolith.soil', 'ground.regolith.overlay'],
+    'Images and stereo': ['image.rendering.frame', 'image.camera.rig', 'image.stereo.depth',
+                          'image.stereo.error', 'image.illumination.hapke',
+                          'image.illumination.sky'],
+    'LiDAR': ['image.lidar.optics', 'image.lidar.beam_pattern', 'image.lidar.motion',
+              'image.lidar.scan'],
     'Bags and sequences': ['bag.series', 'bag.content_hash', 'bag.ground_points',
-                           'sequences.export'],
-    'Evaluation': ['evaluation.trajectory', 'evaluation.trajectory_evaluation',
-                   'evaluation.registration', 'evaluation.metrics', 'evaluation.trajectory_files',
-                   'evaluation.image_comparison', 'evaluation.image_statistics',
-                   'evaluation.statistics'],
+                           'products.sequences.export'],
+    'Evaluation': ['judge.evaluation.trajectory', 'judge.evaluation.trajectory_evaluation',
+                   'judge.evaluation.registration', 'judge.evaluation.metrics',
+                   'judge.evaluation.trajectory_files', 'judge.evaluation.image_comparison',
+                   'judge.evaluation.image_statistics', 'judge.evaluation.statistics'],
 }
 
 
@@ -185,7 +190,7 @@ def python_page() -> str:
     for title, modules in MODULES.items():
         parts += [f'## {title}', '', '```{eval-rst}']
         for name in modules:
-            module = f'{rooms.PACKAGE}.{name}'
+            module = f'lunar_rover_sim.{name}'
             above = [item.__name__ for item in exported if item.__module__ == module
                      and not (isinstance(item, type) and issubclass(item, Exception))]
             parts += [f'.. automodule:: {module}', '   :members:', '   :show-inheritance:',
@@ -207,6 +212,20 @@ def check_sections() -> None:
         raise ValueError(f'no table of parameters for {", ".join(sorted(missing))}')
 
 
+def wing_table() -> str:
+    """Return wings, their rooms and subjects as a table, the highest wing first."""
+    root = Path(lunar_rover_sim.__file__).parent
+    settings = ConfigParser()
+    settings.read(root.parent / 'setup.cfg')
+    lines = ['| wing | rooms | subject |', '|---|---|---|']
+    for wing in re.findall(r'\w+', settings['importlinter:contract:wings']['layers']):
+        rooms = sorted(path.parent.name for path in (root / wing).glob('*/__init__.py'))
+        text = (root / wing / '__init__.py').read_text(encoding='utf-8')
+        subject = (ast.get_docstring(ast.parse(text)) or '').partition('\n')[0]
+        lines.append(f'| `{wing}` | {", ".join(f"`{room}`" for room in rooms)} | {subject} |')
+    return '\n'.join([*lines, ''])
+
+
 def write_all(docs: Path) -> None:
     """Write all generated parts below docs/_generated; files that are right stay untouched."""
     check_sections()
@@ -214,7 +233,7 @@ def write_all(docs: Path) -> None:
     folder.mkdir(exist_ok=True)
     for name, text in (('topics.md', topic_table()), ('parameters.md', parameter_tables()),
                        ('commands.md', command_pages()), ('python.md', python_page()),
-                       ('rooms.svg', rooms.svg()), ('rooms.md', rooms.table())):
+                       ('wings.md', wing_table())):
         path = folder / name
         if not path.is_file() or path.read_text(encoding='utf-8') != text:
             path.write_text(text, encoding='utf-8')

@@ -11,9 +11,9 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from lunar_rover_sim.camera.rig import StereoRig
-from lunar_rover_sim.lidar.motion import ScanMotion
-from lunar_rover_sim.rendering.snapshot import settle, standing
+from lunar_rover_sim.image.camera.rig import StereoRig
+from lunar_rover_sim.image.lidar.motion import ScanMotion
+from lunar_rover_sim.image.rendering.snapshot import settle, standing
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
 

@@ -20,13 +20,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.evaluation.image_statistics import GreyPair, image_statistics, MEASURES
-from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
-from lunar_rover_sim.rendering.snapshot import settle
+from lunar_rover_sim.base.frames import matrix_from_wxyz, se3, wxyz_from_rpy
+from lunar_rover_sim.ground.world.cache import cached
+from lunar_rover_sim.ground.world.world_folder import load_world
+from lunar_rover_sim.image.rendering.snapshot import settle
+from lunar_rover_sim.judge.evaluation.image_statistics import GreyPair, image_statistics, MEASURES
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.world.cache import cached
-from lunar_rover_sim.world.world_folder import load_world
 
 FOV_DEG, HEIGHT_M = 47.7, 1.5       # 60 mm on a frame of 53 mm, at the chest
 SIDE, WIDTH = 900, 450              # of our picture; of the crops that are compared [px]

@@ -16,13 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lunar_rover_sim.files.images import png_bytes
-from lunar_rover_sim.rendering.renderer import Renderer
-from lunar_rover_sim.rendering.snapshot import standing
+from lunar_rover_sim.base.files.images import png_bytes
+from lunar_rover_sim.image.rendering.renderer import Renderer
+from lunar_rover_sim.image.rendering.snapshot import standing
+from lunar_rover_sim.products.sequences.shards import (described, index_text, npy_bytes,
+                                                       shard_name, ShardWriter)
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.sequences.shards import (described, index_text, npy_bytes, shard_name,
-                                              ShardWriter)
 
 SCENARIOS = ('baseline', 'feature_sparse', 'permanent_shadow')
 # Small worlds with coarse surroundings: seconds each.

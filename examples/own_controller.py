@@ -7,7 +7,7 @@ import math
 import sys
 
 from lunar_rover_sim import Scenario
-from lunar_rover_sim.frames import rpy_from_wxyz
+from lunar_rover_sim.base.frames import rpy_from_wxyz
 
 NEAR_M = 0.05
 

@@ -6,7 +6,7 @@ It believes that the rover does as it is told. What slip and turns leave of that
 import numpy as np
 
 from lunar_rover_sim import evaluate, Scenario, Trajectory
-from lunar_rover_sim.frames import wxyz_from_rpy
+from lunar_rover_sim.base.frames import wxyz_from_rpy
 
 FORWARD_MPS, YAW_RATE_RADPS = 0.12, 0.1
 

@@ -6,7 +6,7 @@ As a sensor of the simulator, with a topic of its own: CONTRIBUTING.md, "A senso
 import numpy as np
 
 from lunar_rover_sim import Scenario
-from lunar_rover_sim.frames import rpy_from_wxyz
+from lunar_rover_sim.base.frames import rpy_from_wxyz
 
 
 class Inclinometer:

@@ -11,41 +11,41 @@ from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from lunar_rover_sim.bag.reader import open_bag
-    from lunar_rover_sim.errors import LunarRoverSimError
-    from lunar_rover_sim.evaluation.trajectory import Trajectory
-    from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
-    from lunar_rover_sim.gait.controller import GaitController
-    from lunar_rover_sim.lidar.lidar import Lidar
-    from lunar_rover_sim.physics.simulation import Simulation
-    from lunar_rover_sim.rendering.renderer import Renderer
+    from lunar_rover_sim.base.errors import LunarRoverSimError
+    from lunar_rover_sim.ground.world.build import build_world
+    from lunar_rover_sim.ground.world.model import World
+    from lunar_rover_sim.ground.world.world_folder import load_world, save_world
+    from lunar_rover_sim.image.lidar.lidar import Lidar
+    from lunar_rover_sim.image.rendering.renderer import Renderer
+    from lunar_rover_sim.image.stereo.sgm import SgmMatcher
+    from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
+    from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
+    from lunar_rover_sim.judge.slam.reference.odometry import VisualOdometry
+    from lunar_rover_sim.rover.gait.controller import GaitController
+    from lunar_rover_sim.rover.physics.simulation import Simulation
     from lunar_rover_sim.run.recording import record, Recording
     from lunar_rover_sim.run.scenario import Scenario
-    from lunar_rover_sim.slam.reference.odometry import VisualOdometry
-    from lunar_rover_sim.stereo.sgm import SgmMatcher
-    from lunar_rover_sim.world.build import build_world
-    from lunar_rover_sim.world.model import World
-    from lunar_rover_sim.world.world_folder import load_world, save_world
 
 __version__ = '1.0.0'
 
 _HOMES = {
-    'build_world': 'world.build',
-    'evaluate': 'evaluation.trajectory_evaluation',
-    'GaitController': 'gait.controller',
-    'LunarRoverSimError': 'errors',
-    'Lidar': 'lidar.lidar',
-    'load_world': 'world.world_folder',
+    'build_world': 'ground.world.build',
+    'evaluate': 'judge.evaluation.trajectory_evaluation',
+    'GaitController': 'rover.gait.controller',
+    'LunarRoverSimError': 'base.errors',
+    'Lidar': 'image.lidar.lidar',
+    'load_world': 'ground.world.world_folder',
     'open_bag': 'bag.reader',
     'record': 'run.recording',
     'Recording': 'run.recording',
-    'Renderer': 'rendering.renderer',
-    'save_world': 'world.world_folder',
+    'Renderer': 'image.rendering.renderer',
+    'save_world': 'ground.world.world_folder',
     'Scenario': 'run.scenario',
-    'SgmMatcher': 'stereo.sgm',
-    'Simulation': 'physics.simulation',
-    'Trajectory': 'evaluation.trajectory',
-    'VisualOdometry': 'slam.reference.odometry',
-    'World': 'world.model',
+    'SgmMatcher': 'image.stereo.sgm',
+    'Simulation': 'rover.physics.simulation',
+    'Trajectory': 'judge.evaluation.trajectory',
+    'VisualOdometry': 'judge.slam.reference.odometry',
+    'World': 'ground.world.model',
 }
 
 __all__ = ['build_world', 'evaluate', 'GaitController', 'Lidar', 'load_world',

@@ -10,11 +10,11 @@ import dataclasses
 
 import numpy as np
 
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.illumination import hapke
-from lunar_rover_sim.rendering.labels import LABEL_GROUND
-from lunar_rover_sim.rendering.renderer import Renderer
-from lunar_rover_sim.rendering.snapshot import standing
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.image.illumination import hapke
+from lunar_rover_sim.image.rendering.labels import LABEL_GROUND
+from lunar_rover_sim.image.rendering.renderer import Renderer
+from lunar_rover_sim.image.rendering.snapshot import standing
 from lunar_rover_sim.rover.pose import Posed, RoverPose
 
 EDGES_M = (0.3, 0.4, 0.6, 0.9, 1.3, 2.0, 3.0, 4.5, 7.0, 11.0, 20.0)

@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from lunar_rover_sim.camera.config import SensorConfig
-from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
-from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.regolith.overlay import Overlay
-from lunar_rover_sim.regolith.tracks import press, relax
-from lunar_rover_sim.rendering.config import DetailConfig, RenderConfig
+from lunar_rover_sim.base.frames import matrix_from_wxyz, se3, wxyz_from_rpy
+from lunar_rover_sim.ground.regolith.overlay import Overlay
+from lunar_rover_sim.ground.regolith.tracks import press, relax
+from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.grid import HeightGrid
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
+from lunar_rover_sim.image.camera.config import SensorConfig
+from lunar_rover_sim.image.illumination.config import SunConfig
+from lunar_rover_sim.image.rendering.config import DetailConfig, RenderConfig
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.world.grid import HeightGrid
-from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.rocks import Rocks, RockShape
 
 ROVER = RoverDescription()
 IDEAL = SensorConfig(shot_noise=False, read_noise=False, fixed_pattern=False, psf_sigma_px=0.0,

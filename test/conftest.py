@@ -18,9 +18,9 @@ import psutil
 import pytest
 from waiting import LIMIT_S
 
+from lunar_rover_sim.ground.world.cache import cached
 from lunar_rover_sim.run.ros_domain import dds_environment, OwnDomain
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.world.cache import cached
 
 # A small world and small images: the graph is the same, the machine is not kept busy.
 SMALL_WORLD = ('world.size_m=12.8', 'world.surroundings.samples=257')

@@ -30,9 +30,9 @@ from faulty_run import ALL, BLIND, END_S, Fault, must_end, opens, Run, SMALL_WOR
 import numpy as np
 
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.ground.world.cache import cached
 from lunar_rover_sim.run.ros_domain import OwnDomain
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.world.cache import cached
 
 TMPFS_MB = 12
 GARBAGE = ('nan', 'inf', '-inf', '1e9', '-1e9', 'flood', 'flood of nan')

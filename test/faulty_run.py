@@ -16,8 +16,8 @@ import psutil
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recovery import recover
-from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.inspection.check import check
+from lunar_rover_sim.base.errors import BagError
+from lunar_rover_sim.products.inspection.check import check
 
 # On a machine that has nothing else to do; multiplied by how much slower this one is now.
 LIMIT_S = 10.0

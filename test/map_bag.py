@@ -6,14 +6,14 @@ import numpy as np
 import synthetic_bag
 from synthetic_bag import cloud, header, item, msg, odometry, quaternion, text
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.evaluation.map_evaluation import TrueSurface
-from lunar_rover_sim.frames import ODOM_FRAME
-from lunar_rover_sim.navigation.config import TraversabilityConfig
-from lunar_rover_sim.navigation.traversability import LETHAL, Limits
+from lunar_rover_sim.autonomy.navigation.config import TraversabilityConfig
+from lunar_rover_sim.autonomy.navigation.traversability import LETHAL, Limits
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.frames import ODOM_FRAME
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.world.model import World
 
 CELL_M, SIZE_M, STAMP_NS = 0.05, 6.0, 100_000_000
 

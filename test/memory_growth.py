@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 import numpy as np
 import psutil
 
-from lunar_rover_sim.files.paths import BAG_FOLDER
+from lunar_rover_sim.base.files.paths import BAG_FOLDER
 from lunar_rover_sim.nodes.clock_monitor import ClockMonitor
 from lunar_rover_sim.run.plan import LOG_FOLDER, STOP_ORDER
 from lunar_rover_sim.run.ros_domain import OwnDomain

@@ -5,18 +5,18 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import brentq
 
-from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
-from lunar_rover_sim.physics.config import PhysicsConfig
-from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.physics.state import RoverState
-from lunar_rover_sim.regolith.config import GroundConfig
-from lunar_rover_sim.regolith.law import bearing_n
+from lunar_rover_sim.ground.regolith.config import GroundConfig
+from lunar_rover_sim.ground.regolith.law import bearing_n
+from lunar_rover_sim.ground.world.grid import HeightGrid
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
+from lunar_rover_sim.image.illumination.config import SunConfig
+from lunar_rover_sim.image.illumination.sun_view import SeenSun, SunView
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.physics.config import PhysicsConfig
+from lunar_rover_sim.rover.physics.simulation import Simulation
+from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.sensors.sun_from_rover import reaches_sky
-from lunar_rover_sim.world.grid import HeightGrid
-from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.rocks import Rocks, RockShape
 
 GRAVITY = 1.62
 ROVER = RoverDescription()

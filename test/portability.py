@@ -17,10 +17,12 @@ import time
 import numpy as np
 
 TEST = Path(__file__).resolve().parent
-PARTS = {'regression': ('regression',), 'world': ('world',), 'gait': ('gait', 'path_following'),
-         'light': ('illumination', 'sensors'), 'physics': ('physics', 'regolith'),
-         'evaluation': ('evaluation', 'stereo', 'camera'), 'lidar': ('lidar',),
-         'rendering': ('rendering',)}
+PARTS = {'regression': ('regression',), 'world': ('ground/world',),
+         'gait': ('rover/gait', 'autonomy/path_following'),
+         'light': ('image/illumination', 'sensors'),
+         'physics': ('rover/physics', 'ground/regolith'),
+         'evaluation': ('judge/evaluation', 'image/stereo', 'image/camera'),
+         'lidar': ('image/lidar',), 'rendering': ('image/rendering',)}
 # What drawing by llvmpipe cannot change.
 WITHOUT_DRAWING = tuple(name for name in PARTS if name != 'rendering')
 

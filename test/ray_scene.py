@@ -3,11 +3,11 @@
 import mujoco
 import numpy as np
 
-from lunar_rover_sim.frames import wxyz_from_matrix
-from lunar_rover_sim.physics.config import PhysicsConfig
-from lunar_rover_sim.physics.model import build_model
+from lunar_rover_sim.base.frames import wxyz_from_matrix
 from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.rover.mjcf import BASE_BODY, rover_spec
+from lunar_rover_sim.rover.physics.config import PhysicsConfig
+from lunar_rover_sim.rover.physics.model import build_model
 from lunar_rover_sim.rover.visual import visual_parts
 
 _NO_ROVER = np.array([1, 0, 1, 1, 1, 1], np.uint8)      # geoms that collide are in group 1

@@ -1,4 +1,4 @@
-"""Where the tiles of relief are read, in plain NumPy, as rendering/relief_rows.py does."""
+"""Where the tiles of relief are read, in plain NumPy, as image/rendering/relief_rows.py does."""
 
 import numpy as np
 

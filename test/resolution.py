@@ -11,11 +11,11 @@ import dataclasses
 from brightness import law_radiance
 import numpy as np
 
-from lunar_rover_sim.camera.config import FurtherCameraConfig
-from lunar_rover_sim.camera.mount import BodyMount
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rendering.labels import rover_links
-from lunar_rover_sim.rendering.renderer import FurtherCamera, Renderer
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.image.camera.config import FurtherCameraConfig
+from lunar_rover_sim.image.camera.mount import BodyMount
+from lunar_rover_sim.image.rendering.labels import rover_links
+from lunar_rover_sim.image.rendering.renderer import FurtherCamera, Renderer
 from lunar_rover_sim.rover.pose import Posed
 
 _DARK = 0.25            # of sunlit level ground: a pixel below it counts as shadow

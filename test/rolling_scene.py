@@ -3,8 +3,8 @@
 import camera_scene as scene
 import numpy as np
 
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.world.model import World
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.ground.world.model import World
 
 
 def rolling_world() -> World:

@@ -7,8 +7,8 @@ true there.
 import numpy as np
 import synthetic_bag as synthetic
 
-from lunar_rover_sim import frames, topics
-from lunar_rover_sim.lidar.scan import POINT
+from lunar_rover_sim.base import frames, topics
+from lunar_rover_sim.image.lidar.scan import POINT
 from lunar_rover_sim.rover.description import Legs
 
 T_BASE_LIDAR = frames.se3(frames.matrix_from_wxyz(frames.wxyz_from_rpy(0.05, 0.1, -0.2)),

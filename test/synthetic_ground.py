@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 from synthetic_bag import cloud, Item
 
-from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.ground_points import points_of
-from lunar_rover_sim.regolith.overlay import Overlay
-from lunar_rover_sim.regolith.tracks import press
-from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.base import frames, topics
+from lunar_rover_sim.ground.regolith.overlay import Overlay
+from lunar_rover_sim.ground.regolith.tracks import press
+from lunar_rover_sim.ground.world.grid import HeightGrid
 
 
 def ground_items(duration_s: float, overlay: Overlay | None = None,

@@ -99,7 +99,7 @@ def test_manifest_names_ros_dependencies(manifest: ET.Element) -> None:
     """Every ROS package that nodes and the launch file import is declared, so rosdep brings it."""
     declared = {element.text for element in manifest.findall('exec_depend')}
     imported = set()
-    for folder in ('nodes', 'launch'):
+    for folder in ('nodes', 'nodes/launch'):
         for path in (PACKAGE / folder).glob('*.py'):
             for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
                 if isinstance(node, ast.ImportFrom):
@@ -183,7 +183,8 @@ def test_data_files(prefix: Path) -> None:
     share = prefix / 'share' / 'lunar_rover_sim'
     assert (prefix / 'share/ament_index/resource_index/packages/lunar_rover_sim').is_file()
     wanted = {Path('package.xml'): ROOT / 'package.xml',
-              **{Path('launch') / path.name: path for path in PACKAGE.glob('launch/*.launch.py')},
+              **{Path('launch') / path.name: path
+                 for path in PACKAGE.glob('nodes/launch/*.launch.py')},
               **{path.relative_to(ROOT): path for folder in ('config', 'resource/orb_slam3')
                  for path in (ROOT / folder).rglob('*') if path.is_file()}}
     installed = {path.relative_to(share) for path in share.rglob('*')
@@ -199,12 +200,12 @@ def test_installed_package_works(prefix: Path) -> None:
 import json
 from importlib import resources
 import lunar_rover_sim
-from lunar_rover_sim.files.paths import config_path, packaged_names
+from lunar_rover_sim.base.files.paths import config_path, packaged_names
 from lunar_rover_sim.run.scenario import Scenario
 Scenario.load('baseline')
 print(json.dumps([
     lunar_rover_sim.__file__, str(config_path('rovers/quad.yaml')), packaged_names('campaign'),
-    resources.files('lunar_rover_sim.rendering').joinpath('shaders/common.glsl').is_file()]))
+    resources.files('lunar_rover_sim.image.rendering').joinpath('shaders/common.glsl').is_file()]))
 """
     finished = run_installed(prefix, 'python', '-c', script)
     assert finished.returncode == 0, finished.stderr

@@ -6,9 +6,9 @@ import numpy as np
 from portability import outcome, PARTS, run, switches, TEST
 import pytest
 
-CHOSEN = ('regression', 'world/test_same_everywhere.py', 'gait/test_controller.py',
-          'physics/test_walk.py', 'illumination/test_hapke.py', 'evaluation/test_metrics.py',
-          'lidar/test_returns.py')
+CHOSEN = ('regression', 'ground/world/test_same_everywhere.py', 'rover/gait/test_controller.py',
+          'rover/physics/test_walk.py', 'image/illumination/test_hapke.py',
+          'judge/evaluation/test_metrics.py', 'image/lidar/test_returns.py')
 
 
 def test_chosen_tests_pass_with_all_switches():

@@ -19,13 +19,14 @@ import synthetic_bag
 import worlds
 
 import lunar_rover_sim
-from lunar_rover_sim import (LunarRoverSimError, open_bag, record, Scenario, topics, Trajectory,
+from lunar_rover_sim import (LunarRoverSimError, open_bag, record, Scenario, Trajectory,
                              VisualOdometry)
 from lunar_rover_sim.bag.content_hash import bag_hash, topic_hashes
 from lunar_rover_sim.bag.totals import recorded_factor
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.slam.euroc_reader import Camera
+from lunar_rover_sim.judge.slam.euroc_reader import Camera
 
 
 def test_every_name_is_there_and_documented() -> None:

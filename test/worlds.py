@@ -4,11 +4,11 @@ import functools
 import json
 from typing import Any
 
-from lunar_rover_sim.parameters import merge
-from lunar_rover_sim.world.cache import cached
-from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.world_folder import load_world
+from lunar_rover_sim.base.parameters import merge
+from lunar_rover_sim.ground.world.cache import cached
+from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.world_folder import load_world
 
 SMALL = {'size_m': 12.8, 'surroundings': {'samples': 257}}
 BARE = {'relief': {'rms_slope_deg': 0.0, 'far_rms_slope_deg': 0.0}, 'craters': {'density': 0.0},

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from lunar_rover_sim.slam.client import serve
+from lunar_rover_sim.judge.slam.client import serve
 
 
 def begin(settings):

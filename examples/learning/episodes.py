@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lunar_rover_sim.learning.task import RoverTask
+from lunar_rover_sim.autonomy.learning.task import RoverTask
 
 
 def run_episode(task: RoverTask, act: Callable[[np.ndarray], np.ndarray],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lunar_rover_sim.learning.task import RoverTask
+from lunar_rover_sim.autonomy.learning.task import RoverTask
 
 OF_LEG = ('spoke_sin', 'spoke_cos', 'speed', 'torque', 'lead')
 OF_BODY = ('rate_y', 'up_x')

@@ -12,7 +12,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 import torch
 from torch import nn
 
-from lunar_rover_sim.learning.task import RoverTask
+from lunar_rover_sim.autonomy.learning.task import RoverTask
 
 
 class Phases(BaseFeaturesExtractor):

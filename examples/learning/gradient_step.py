@@ -18,10 +18,10 @@ from episodes import run_episode
 from feedback import count, layer
 import numpy as np
 
-from lunar_rover_sim.evaluation.statistics import Comparison, Mean
-from lunar_rover_sim.learning.randomisation import Randomisation
-from lunar_rover_sim.learning.task import RoverTask
-from lunar_rover_sim.learning.tasks import make_task
+from lunar_rover_sim.autonomy.learning.randomisation import Randomisation
+from lunar_rover_sim.autonomy.learning.task import RoverTask
+from lunar_rover_sim.autonomy.learning.tasks import make_task
+from lunar_rover_sim.judge.evaluation.statistics import Comparison, Mean
 
 GAMMA, LAMBDA = 0.99, 0.95      # of PPO in `train_walk.py`
 EPISODES, HOLD = 20, 32         # the noise, of standard deviation 1, holds for 0.64 s

@@ -13,9 +13,9 @@ import argparse
 from episodes import run_episode
 import numpy as np
 
-from lunar_rover_sim.evaluation.statistics import Comparison, Mean
-from lunar_rover_sim.learning.policy_file import Policy
-from lunar_rover_sim.learning.tasks import make_task
+from lunar_rover_sim.autonomy.learning.policy_file import Policy
+from lunar_rover_sim.autonomy.learning.tasks import make_task
+from lunar_rover_sim.judge.evaluation.statistics import Comparison, Mean
 
 FIRST = 20_000
 HIDDEN = (90_000, 99_999)       # seeds of reliefs, of which the study has the first

@@ -13,8 +13,8 @@ class Sb3Vector(VecEnv):
     """A `RoverVectorEnv` for Stable-Baselines3, which begins episodes anew in the same way."""
 
     def __init__(self, task: str, count: int, **options: Any) -> None:
-        self.envs = gymnasium.make_vec(f'lunar_rover_sim.learning:lunar_rover_sim/{task}-v0',
-                                       num_envs=count, **options)
+        name = f'lunar_rover_sim.autonomy.learning:lunar_rover_sim/{task}-v0'
+        self.envs = gymnasium.make_vec(name, num_envs=count, **options)
         super().__init__(count, self.envs.single_observation_space, self.envs.single_action_space)
         self._returns, self._lengths = np.zeros(count), np.zeros(count, int)
 

@@ -20,19 +20,19 @@ import sys
 import numpy as np
 
 from lunar_rover_sim import evaluate, Renderer, Simulation, Trajectory
-from lunar_rover_sim.evaluation.statistics import Comparison, Median
-from lunar_rover_sim.learning.senses import Sample
-from lunar_rover_sim.learning.task import physics_of, STATE_HZ, terrain
-from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.autonomy.learning.senses import Sample
+from lunar_rover_sim.autonomy.learning.task import physics_of, STATE_HZ, terrain
+from lunar_rover_sim.image.rendering.config import RenderConfig
+from lunar_rover_sim.judge.evaluation.statistics import Comparison, Median
+from lunar_rover_sim.judge.slam.program import Tracker
+from lunar_rover_sim.judge.slam.protocol import FrameSet, TRACKING
+from lunar_rover_sim.judge.studies.learning import answer_of, Case, HIDDEN_SEEDS
+from lunar_rover_sim.products.sequences.sensors import described_sensors
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
-from lunar_rover_sim.sequences.sensors import described_sensors
-from lunar_rover_sim.slam.program import Tracker
-from lunar_rover_sim.slam.protocol import FrameSet, TRACKING
-from lunar_rover_sim.studies.learning import answer_of, Case, HIDDEN_SEEDS
 
 GROUND, DURATION_S, FRAME_HZ, SIZE_PX = 'highland', 5.0, 20, (320, 240)
-REFERENCE = f'{sys.executable} -m lunar_rover_sim.slam.client'
+REFERENCE = f'{sys.executable} -m lunar_rover_sim.judge.slam.client'
 FIELDS = 'walker', 'seed', 'frames', 'tracked', 'ate_percent', 'rpe_mm'
 
 

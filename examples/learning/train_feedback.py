@@ -24,9 +24,9 @@ import numpy as np
 from rich.progress import track
 from train_gait import EVALUATED, log, tuned
 
-from lunar_rover_sim.learning.policy_file import save_policy
-from lunar_rover_sim.learning.task import RoverTask
-from lunar_rover_sim.learning.tasks import make_task
+from lunar_rover_sim.autonomy.learning.policy_file import save_policy
+from lunar_rover_sim.autonomy.learning.task import RoverTask
+from lunar_rover_sim.autonomy.learning.tasks import make_task
 
 FAILED = 10.0   # cost of an episode that ends early, which loses no reward any more
 

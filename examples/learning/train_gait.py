@@ -24,11 +24,11 @@ import numpy as np
 from rich.progress import track
 from torch.utils.tensorboard import SummaryWriter
 
-from lunar_rover_sim.gait.config import CUSTOM, GaitConfig
-from lunar_rover_sim.learning.gait_task import gait_of
-from lunar_rover_sim.learning.policy_file import constant_layers, Policy, save_policy
-from lunar_rover_sim.learning.task import RoverTask
-from lunar_rover_sim.learning.tasks import make_task
+from lunar_rover_sim.autonomy.learning.gait_task import gait_of
+from lunar_rover_sim.autonomy.learning.policy_file import constant_layers, Policy, save_policy
+from lunar_rover_sim.autonomy.learning.task import RoverTask
+from lunar_rover_sim.autonomy.learning.tasks import make_task
+from lunar_rover_sim.rover.gait.config import CUSTOM, GaitConfig
 from lunar_rover_sim.rover.rover_file import load_rover
 
 EVALUATED = range(20_000, 20_004)       # seeds that are neither trained on nor hidden

@@ -25,8 +25,8 @@ from stable_baselines3.common.callbacks import BaseCallback, CallbackList, Progr
 import torch
 from train_gait import tuned
 
-from lunar_rover_sim.learning.policy_file import save_policy
-from lunar_rover_sim.learning.tasks import make_task
+from lunar_rover_sim.autonomy.learning.policy_file import save_policy
+from lunar_rover_sim.autonomy.learning.tasks import make_task
 
 EVALUATED = tuple(range(20_000, 20_004))     # neither trained on nor hidden
 SMOOTHING_S = 0.3   # of actions: without it their noise costs more than any gait can gain

@@ -13,7 +13,7 @@ import sys
 from typing import BinaryIO
 from zlib import crc32
 
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.base.errors import BagError
 
 if sys.version_info >= (3, 14):
     from compression import zstd

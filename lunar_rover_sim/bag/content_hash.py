@@ -24,8 +24,8 @@ from rosbags.typesys.base import TypesysError
 
 from lunar_rover_sim.bag.reader import Bag, open_bag, RawMessage
 from lunar_rover_sim.bag.totals import AT_WALL_TIME, is_one_of
-from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.topics import RECORDED
+from lunar_rover_sim.base.errors import BagError
+from lunar_rover_sim.base.topics import RECORDED
 
 SKIPPED: Mapping[str, str] = {**AT_WALL_TIME, RECORDED.name: 'progress of the recorder'}
 

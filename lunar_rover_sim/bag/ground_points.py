@@ -13,12 +13,12 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import header_ns
-from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.regolith.overlay import CELL_M, GroundChanges, Overlay
-from lunar_rover_sim.seconds import NS_PER_S
-from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import BagError
+from lunar_rover_sim.base.seconds import NS_PER_S
+from lunar_rover_sim.ground.regolith.overlay import CELL_M, GroundChanges, Overlay
+from lunar_rover_sim.ground.world.grid import HeightGrid
 
 if TYPE_CHECKING:    # nodes that write points read no bag
     from lunar_rover_sim.bag.reader import Bag

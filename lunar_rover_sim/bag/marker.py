@@ -13,8 +13,8 @@ from typing import BinaryIO
 
 import yaml
 
-from lunar_rover_sim.errors import one_line
-from lunar_rover_sim.files.paths import lock as lock_file
+from lunar_rover_sim.base.errors import one_line
+from lunar_rover_sim.base.files.paths import lock as lock_file
 
 MARKER_NAME = 'incomplete.yaml'
 METADATA_NAME = 'metadata.yaml'

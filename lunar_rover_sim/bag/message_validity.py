@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-from lunar_rover_sim.arguments import brief
-from lunar_rover_sim.camera.encoding import BAYER8, BAYER16, is_bayer
+from lunar_rover_sim.base.arguments import brief
+from lunar_rover_sim.image.camera.encoding import BAYER8, BAYER16, is_bayer
 
 BYTES_PER_PIXEL = {BAYER8: 1, BAYER16: 2, 'mono8': 1, '8UC1': 1, 'mono16': 2, '16UC1': 2,
                    'rgb8': 3, 'bgr8': 3, 'rgba8': 4, 'bgra8': 4, '32FC1': 4, '32FC2': 8,
@@ -121,7 +121,7 @@ def pixels(image: Any) -> np.ndarray:
     if image.is_bigendian and result.dtype.itemsize > 1:
         result = result.byteswap()
     if is_bayer(image.encoding):
-        from lunar_rover_sim.camera.mosaic import interpolated  # OpenCV and Numba take long
+        from lunar_rover_sim.image.camera.mosaic import interpolated  # OpenCV and Numba take long
         return interpolated(result)
     return result.reshape(image.height, image.width, channels) if channels > 1 else result
 

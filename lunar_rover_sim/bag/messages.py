@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.errors import LunarRoverSimError
-from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import LunarRoverSimError
+from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, se3
+from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.rover.description import Legs
-from lunar_rover_sim.seconds import NS_PER_S
 
 
 def time_ns(stamp: Any) -> int:

@@ -9,9 +9,9 @@ from rosbags.interfaces import (Qos, QosDurability, QosHistory, QosLiveliness, Q
 from rosbags.rosbag2.metadata import parse_qos
 import yaml
 
-from lunar_rover_sim.errors import BagError, one_line
-from lunar_rover_sim.seconds import NS_PER_S
-from lunar_rover_sim.topics import CONTRACT, LATCHED
+from lunar_rover_sim.base.errors import BagError, one_line
+from lunar_rover_sim.base.seconds import NS_PER_S
+from lunar_rover_sim.base.topics import CONTRACT, LATCHED
 
 _FOREVER_NS = 2**63 - 1
 

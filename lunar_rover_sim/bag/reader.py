@@ -17,18 +17,18 @@ from rosbags.typesys import (get_types_from_idl, get_types_from_msg, get_typesto
 from rosbags.typesys.store import Typestore
 import yaml
 
-from lunar_rover_sim import topics as contract
-from lunar_rover_sim.arguments import brief, check_path
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.checksums import has_beginning, has_end
 from lunar_rover_sim.bag.message_validity import image_problem, pixels
 from lunar_rover_sim.bag.messages import header_ns, pose_matrix
 from lunar_rover_sim.bag.stamps import StampTable
-from lunar_rover_sim.closing import Closing
-from lunar_rover_sim.errors import BagError, one_line
-from lunar_rover_sim.files.paths import check_regular, recorded_bag
-from lunar_rover_sim.files.yaml_text import FAST_LOADER
-from lunar_rover_sim.parameters import nearest
+from lunar_rover_sim.base import topics as contract
+from lunar_rover_sim.base.arguments import brief, check_path
+from lunar_rover_sim.base.closing import Closing
+from lunar_rover_sim.base.errors import BagError, one_line
+from lunar_rover_sim.base.files.paths import check_regular, recorded_bag
+from lunar_rover_sim.base.files.yaml_text import FAST_LOADER
+from lunar_rover_sim.base.parameters import nearest
 
 _MOST_BYTES = 1 << 24    # of metadata.yaml
 _LATE_NS = 500_000_000   # bags of other recorders hold messages by the time of their arrival
@@ -119,7 +119,7 @@ class Bag(Closing):
         """Return the first left image, for a notebook."""
         # Here, because pictures need more than a reader does.
         from lunar_rover_sim.bag.series import picture
-        from lunar_rover_sim.files.images import notebook_html
+        from lunar_rover_sim.base.files.images import notebook_html
         pixels = None
         if self._reader is not None and self.count(contract.LEFT_IMAGE.name):
             pixels = picture(self, self.first(contract.LEFT_IMAGE.name)).pixels

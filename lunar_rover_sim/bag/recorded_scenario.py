@@ -8,10 +8,10 @@ from typing import Any
 
 import yaml
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.files.yaml_text import FAST_LOADER
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import BagError
+from lunar_rover_sim.base.files.yaml_text import FAST_LOADER
 from lunar_rover_sim.rover.description import Legs
 
 _SHARED = '/**'

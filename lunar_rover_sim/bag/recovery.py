@@ -25,7 +25,7 @@ from lunar_rover_sim.bag.qos import qos_of_text
 from lunar_rover_sim.bag.reader import check_files, open_bag, storage_file
 from lunar_rover_sim.bag.writer import (bag_information, BagWriter, in_words, VERSION,
                                         write_metadata)
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.base.errors import BagError
 
 DISK_ERRORS = (OSError, sqlite3.Error)
 

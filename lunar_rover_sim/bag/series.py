@@ -8,12 +8,12 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag import message_validity
 from lunar_rover_sim.bag.messages import header_ns, imu_row, odometry_row
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import BagError
+from lunar_rover_sim.base.frames import Array
 
 Stamps = NDArray[np.int64]
 T = TypeVar('T')

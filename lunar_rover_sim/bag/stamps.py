@@ -16,7 +16,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_typestore, Stores
 from rosbags.typesys.store import Typestore
 
-from lunar_rover_sim.seconds import NS_PER_S
+from lunar_rover_sim.base.seconds import NS_PER_S
 
 _TIME = 'builtin_interfaces/msg/Time'
 _LITTLE = struct.Struct('<iI')

@@ -12,9 +12,9 @@ import math
 import time
 from typing import TypeVar
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag, information
-from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, STATE
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.topics import DEPTH_FRAME, FRAME, STATE
 
 # How far before its end a bag is searched. Most bags have a state within the first; one whose
 # messages all have one clock has one within the second.

@@ -30,9 +30,9 @@ from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.bag.totals import REAL_TIME_FACTOR
-from lunar_rover_sim.errors import BagError, one_line
-from lunar_rover_sim.files.atomic import atomic_write, sync_folder
-from lunar_rover_sim.files.yaml_text import yaml_of
+from lunar_rover_sim.base.errors import BagError, one_line
+from lunar_rover_sim.base.files.atomic import atomic_write, sync_folder
+from lunar_rover_sim.base.files.yaml_text import yaml_of
 
 COMPRESSIONS = {'none': CompressionType.NONE, 'zstd': CompressionType.ZSTD}
 VERSION = 9             # of the metadata, as ROS 2 Jazzy writes it

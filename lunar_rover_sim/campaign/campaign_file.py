@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
-from lunar_rover_sim.arguments import brief
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.paths import find_file
-from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
-from lunar_rover_sim.parameters import nearest, param, Parameters
-from lunar_rover_sim.sequences.export import FORMATS
+from lunar_rover_sim.base.arguments import brief
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.paths import find_file
+from lunar_rover_sim.base.files.yaml_text import parse_yaml, read_text
+from lunar_rover_sim.base.parameters import nearest, param, Parameters
+from lunar_rover_sim.products.sequences.export import FORMATS
 
 LATIN_HYPERCUBE, SOBOL, RANDOM, GRID = 'latin_hypercube', 'sobol', 'random', 'grid'
 DESIGNS = (SOBOL, LATIN_HYPERCUBE, RANDOM, GRID)

@@ -10,7 +10,10 @@ import numpy as np
 import yaml
 
 from lunar_rover_sim import __version__
-from lunar_rover_sim.arguments import brief
+from lunar_rover_sim.base.arguments import brief
+from lunar_rover_sim.base.errors import CampaignError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.paths import BAG_FOLDER, counted
 from lunar_rover_sim.campaign.croissant import (contents, croissant, DEPTH, IMAGES, IMU, LABELS,
                                                 LIDAR, STEREO)
 from lunar_rover_sim.campaign.dataset import episode_table, failures, manifests
@@ -18,11 +21,8 @@ from lunar_rover_sim.campaign.layout import (CAMPAIGN_FILE, CARD_FILE, CROISSANT
                                              EPISODE_TABLE, README_FILE)
 from lunar_rover_sim.campaign.manifest import json_text, read_json
 from lunar_rover_sim.campaign.statistics import MEANINGS
-from lunar_rover_sim.errors import CampaignError
-from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import BAG_FOLDER, counted
+from lunar_rover_sim.products.sequences.export import FORMATS
 from lunar_rover_sim.sensors.registry import card_contents
-from lunar_rover_sim.sequences.export import FORMATS
 
 LARGEST = 1e18     # of a statistic
 _KINDS = {IMAGES: 'images', STEREO: 'stereo images', DEPTH: 'depth', LABELS: 'labels',

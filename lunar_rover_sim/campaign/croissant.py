@@ -10,14 +10,14 @@ from collections.abc import Iterable, Mapping
 import hashlib
 from typing import Any
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.base import topics
 from lunar_rover_sim.campaign.dataset import FIRST_COLUMNS
 from lunar_rover_sim.campaign.layout import CARD_FILE, EPISODE_TABLE, EPISODES
 from lunar_rover_sim.campaign.statistics import MEANINGS
+from lunar_rover_sim.products.sequences.export import FORMATS, WEBDATASET
+from lunar_rover_sim.products.sequences.sensor_samples import COLUMNS, SCAN_COLUMNS
 from lunar_rover_sim.sensors.registry import card_contents
-from lunar_rover_sim.sequences.export import FORMATS, WEBDATASET
-from lunar_rover_sim.sequences.sensor_samples import COLUMNS, SCAN_COLUMNS
 
 _CONFORMS_TO = 'http://mlcommons.org/croissant/1.0'
 _INTEGERS = ('frames', 'bytes')

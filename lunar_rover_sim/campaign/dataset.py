@@ -11,6 +11,11 @@ from pathlib import Path
 import shutil
 from typing import Any
 
+from lunar_rover_sim.base.closing import Closing
+from lunar_rover_sim.base.errors import CampaignError
+from lunar_rover_sim.base.files.atomic import atomic_write, sync_folder
+from lunar_rover_sim.base.files.paths import lock
+from lunar_rover_sim.base.files.results import csv_table
 from lunar_rover_sim.campaign.campaign_file import Campaign
 from lunar_rover_sim.campaign.episode import EpisodeTask
 from lunar_rover_sim.campaign.episode_plans import EpisodePlan
@@ -18,11 +23,6 @@ from lunar_rover_sim.campaign.layout import (CAMPAIGN_FILE, EPISODES, ERROR_FILE
                                              LOCK_FILE, PARTIAL, TOKEN_FILE)
 from lunar_rover_sim.campaign.manifest import MANIFEST, read_json, why_unfinished, write_json
 from lunar_rover_sim.campaign.statistics import MEANINGS
-from lunar_rover_sim.closing import Closing
-from lunar_rover_sim.errors import CampaignError
-from lunar_rover_sim.files.atomic import atomic_write, sync_folder
-from lunar_rover_sim.files.paths import lock
-from lunar_rover_sim.files.results import csv_table
 
 # Columns that are no statistics, with their meanings.
 FIRST_COLUMNS = {'folder': 'folder of the episode in the data set',

@@ -11,11 +11,11 @@ import sys
 import time
 import uuid
 
+from lunar_rover_sim.base.errors import CampaignError, LunarRoverSimError
 from lunar_rover_sim.campaign.episode_plans import EpisodePlan
 from lunar_rover_sim.campaign.layout import (EPISODES, ERROR_FILE, FAILED, LOG_FILE, PARTIAL,
                                              PLAN_FILE, TASK_FILE, TOKEN_FILE)
 from lunar_rover_sim.campaign.manifest import MANIFEST, read_json, write_json
-from lunar_rover_sim.errors import CampaignError, LunarRoverSimError
 from lunar_rover_sim.run.child_process import run_program
 from lunar_rover_sim.run.plan import LOG_FOLDER
 

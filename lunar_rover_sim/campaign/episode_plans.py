@@ -9,15 +9,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-from lunar_rover_sim.arguments import brief
+from lunar_rover_sim.base.arguments import brief
+from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.campaign.campaign_file import (BASE, Campaign, episode_seed, GRID, grid_rows,
                                                     unit_points)
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.gait.calibration import is_packaged
+from lunar_rover_sim.ground.world.config import PROCEDURAL
+from lunar_rover_sim.rover.gait.calibration import is_packaged
 from lunar_rover_sim.run.node_config import NODE_CONFIGS
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.world.config import PROCEDURAL
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,20 +17,20 @@ from typing import Any
 from lunar_rover_sim import __version__
 from lunar_rover_sim.bag.content_hash import bag_hash
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.base.errors import (CampaignError, ConfigError, GraphError,
+                                         LunarRoverSimError, one_line, WorldError)
+from lunar_rover_sim.base.files.paths import BAG_FOLDER
 from lunar_rover_sim.campaign.croissant import recorded_topics
 from lunar_rover_sim.campaign.layout import EPISODES, PLAN_FILE, TASK_FILE
 from lunar_rover_sim.campaign.manifest import (file_table, FORMAT, MANIFEST, read_json,
                                                why_unfinished, write_json)
 from lunar_rover_sim.campaign.statistics import statistics
-from lunar_rover_sim.errors import (CampaignError, ConfigError, GraphError, LunarRoverSimError,
-                                    one_line, WorldError)
-from lunar_rover_sim.files.paths import BAG_FOLDER
-from lunar_rover_sim.inspection.check import check
+from lunar_rover_sim.products.inspection.check import check
+from lunar_rover_sim.products.sequences.export import export
+from lunar_rover_sim.products.sequences.webdataset import ShardOptions
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.resumable import record_once
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.sequences.export import export
-from lunar_rover_sim.sequences.webdataset import ShardOptions
 
 
 def make(attempt: Path, episode: Path) -> None:

@@ -12,11 +12,11 @@ import os
 from pathlib import Path
 from typing import Any
 
-from lunar_rover_sim.arguments import brief
-from lunar_rover_sim.errors import CampaignError, one_line
-from lunar_rover_sim.files.atomic import atomic_write, sync_folder
-from lunar_rover_sim.files.paths import file_hash
-from lunar_rover_sim.files.yaml_text import read_text
+from lunar_rover_sim.base.arguments import brief
+from lunar_rover_sim.base.errors import CampaignError, one_line
+from lunar_rover_sim.base.files.atomic import atomic_write, sync_folder
+from lunar_rover_sim.base.files.paths import file_hash
+from lunar_rover_sim.base.files.yaml_text import read_text
 
 MANIFEST = 'manifest.json'
 FORMAT = 1

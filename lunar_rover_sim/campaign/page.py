@@ -15,18 +15,18 @@ from matplotlib.ticker import MaxNLocator
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.series import picture, read_odometry
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import BagError, CampaignError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.images import read_picture
+from lunar_rover_sim.base.files.paths import BAG_FOLDER
+from lunar_rover_sim.base.files.templates import data_uri, template
 from lunar_rover_sim.campaign.card import LARGEST, number
 from lunar_rover_sim.campaign.layout import EPISODES
-from lunar_rover_sim.errors import BagError, CampaignError
-from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.images import read_picture
-from lunar_rover_sim.files.paths import BAG_FOLDER
-from lunar_rover_sim.files.templates import data_uri, template
-from lunar_rover_sim.inspection.bag_pictures import draw_hillshade
-from lunar_rover_sim.sequences.export import FORMATS
+from lunar_rover_sim.products.inspection.bag_pictures import draw_hillshade
+from lunar_rover_sim.products.sequences.export import FORMATS
 
 THUMBNAILS = 3
 _WIDTH_PX = 320

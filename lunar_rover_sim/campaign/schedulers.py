@@ -14,9 +14,9 @@ import logging
 from pathlib import Path
 import threading
 
+from lunar_rover_sim.base.errors import CampaignError, one_line, with_extra
 from lunar_rover_sim.campaign.episode import EpisodeTask, make_episode, Outcome
 from lunar_rover_sim.campaign.layout import STOP_FILE
-from lunar_rover_sim.errors import CampaignError, one_line, with_extra
 
 _CONNECT_S = 5
 

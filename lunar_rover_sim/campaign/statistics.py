@@ -14,16 +14,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.messages import exposure_s
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.series import common_stamps, messages_at, picture, read_imu, read_odometry
 from lunar_rover_sim.bag.totals import driven_distance_m, every_step, simulated_end_ns
-from lunar_rover_sim.inspection.disparity_error import disparity_map, is_textured
+from lunar_rover_sim.base import frames, topics
+from lunar_rover_sim.image.stereo.depth import disparity_from_depth
+from lunar_rover_sim.image.stereo.error import disparity_errors_px
+from lunar_rover_sim.products.inspection.disparity_error import disparity_map, is_textured
+from lunar_rover_sim.products.sequences.sensors import recorded_sensors
 from lunar_rover_sim.run.recorded_run import RecordedRun
-from lunar_rover_sim.sequences.sensors import recorded_sensors
-from lunar_rover_sim.stereo.depth import disparity_from_depth
-from lunar_rover_sim.stereo.error import disparity_errors_px
 
 SAMPLES = 40
 _CORNER_THRESHOLD = 20   # grey levels of 255, as ORB-SLAM3's first threshold

@@ -8,14 +8,14 @@ import json
 from pathlib import Path
 from typing import Any
 
-from lunar_rover_sim.arguments import brief
+from lunar_rover_sim.base.arguments import brief
+from lunar_rover_sim.base.errors import CampaignError, LunarRoverSimError
+from lunar_rover_sim.base.files.paths import file_hash
 from lunar_rover_sim.campaign.campaign_file import Campaign, parse_campaign
 from lunar_rover_sim.campaign.dataset import failures, mapping_hash
 from lunar_rover_sim.campaign.episode_plans import draw, episode_names
 from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES, PARTIAL
 from lunar_rover_sim.campaign.manifest import episode_files, MANIFEST, read_json, why_unfinished
-from lunar_rover_sim.errors import CampaignError, LunarRoverSimError
-from lunar_rover_sim.files.paths import file_hash
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,31 +12,31 @@ from typing import Any
 
 from rich.text import Text
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import combine, topic_hashes
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.bag.totals import recorded_factor, simulated_end_ns
-from lunar_rover_sim.camera.chase import ChaseConfig, HEADING, SUN, TRIPOD, tripod_problem
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import BagError, ConfigError
+from lunar_rover_sim.base.files.film_file import check_suffix, SUFFIXES, U8, write_film
+from lunar_rover_sim.base.files.paths import check_path
+from lunar_rover_sim.base.seconds import EPOCH_NS, NS_PER_S
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.options import numbers
 from lunar_rover_sim.cli.terminal import print_json, print_table, Progress, say
-from lunar_rover_sim.errors import BagError, ConfigError
-from lunar_rover_sim.files.film_file import check_suffix, SUFFIXES, U8, write_film
-from lunar_rover_sim.files.paths import check_path
-from lunar_rover_sim.inspection.bag_pictures import preview
-from lunar_rover_sim.inspection.check import check
-from lunar_rover_sim.inspection.film import Film, FilmOptions
-from lunar_rover_sim.inspection.replay import replay
-from lunar_rover_sim.inspection.report import Status
-from lunar_rover_sim.inspection.summary import missing_tf
+from lunar_rover_sim.image.camera.chase import ChaseConfig, HEADING, SUN, TRIPOD, tripod_problem
+from lunar_rover_sim.products.inspection.bag_pictures import preview
+from lunar_rover_sim.products.inspection.check import check
+from lunar_rover_sim.products.inspection.film import Film, FilmOptions
+from lunar_rover_sim.products.inspection.replay import replay
+from lunar_rover_sim.products.inspection.report import Status
+from lunar_rover_sim.products.inspection.summary import missing_tf
+from lunar_rover_sim.products.sequences.export import (export, FORMATS, hazards_left_out,
+                                                       sensors_left_out, WEBDATASET)
+from lunar_rover_sim.products.sequences.shards import DEFAULT_SIZE
+from lunar_rover_sim.products.sequences.webdataset import ShardOptions
+from lunar_rover_sim.products.usd.names import stage_bytes
 from lunar_rover_sim.run.companion_config import VIEW_PORT
-from lunar_rover_sim.seconds import EPOCH_NS, NS_PER_S
-from lunar_rover_sim.sequences.export import (export, FORMATS, hazards_left_out, sensors_left_out,
-                                              WEBDATASET)
-from lunar_rover_sim.sequences.shards import DEFAULT_SIZE
-from lunar_rover_sim.sequences.webdataset import ShardOptions
-from lunar_rover_sim.usd.names import stage_bytes
 
 _USD = 'usd'
 _DATED = tuple(name for name, kind in FORMATS.items() if kind.is_dated)
@@ -218,7 +218,7 @@ def _export_stage(args: argparse.Namespace) -> int:
     if args.world is not None and args.world_stage is not None:
         raise ConfigError('--world, --world-stage: both are given; valid is one of them')
     # Here, because OpenUSD is an optional dependency.
-    from lunar_rover_sim.usd.drive_stage import write_drive
+    from lunar_rover_sim.products.usd.drive_stage import write_drive
     with Progress('writing the stage'):
         write_drive(args.bag, args.output, world=args.world, world_stage=args.world_stage,
                     overwrite=args.overwrite)

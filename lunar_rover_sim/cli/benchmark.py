@@ -9,10 +9,10 @@ from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.slam import (add_paper_argument, add_system_arguments, estimator_of,
                                       paper_of)
 from lunar_rover_sim.cli.terminal import Progress, say
-from lunar_rover_sim.sequences.orbslam3_settings import SENSORS
-from lunar_rover_sim.slam import benchmark
-from lunar_rover_sim.slam.benchmark_report import write_report
-from lunar_rover_sim.slam.drives import seeds_of
+from lunar_rover_sim.judge.slam import benchmark
+from lunar_rover_sim.judge.slam.benchmark_report import write_report
+from lunar_rover_sim.judge.slam.drives import seeds_of
+from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS
 
 _SCENARIOS = ('baseline', 'feature_sparse', 'low_albedo')
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 
+from lunar_rover_sim.base.files.paths import check_file
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
-from lunar_rover_sim.files.paths import check_file
+from lunar_rover_sim.judge.studies import gait_measurement
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.studies import gait_measurement
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import signal
 
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.paths import counted
 from lunar_rover_sim.campaign.campaign_file import Campaign, load_campaign
 from lunar_rover_sim.campaign.card import write_card
 from lunar_rover_sim.campaign.dataset import Dataset, DatasetProgress
@@ -13,8 +15,6 @@ from lunar_rover_sim.campaign.episode_plans import draw, episode_names, episode_
 from lunar_rover_sim.campaign.schedulers import run_local, run_on_cluster
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.paths import counted
 from lunar_rover_sim.run.ros_domain import require_ros
 
 _CHECKED = 100     # episodes whose parameters a dry run checks; each takes some 10 ms

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import shtab
 
-from lunar_rover_sim.files.paths import packaged_names
+from lunar_rover_sim.base.files.paths import packaged_names
 
 _FUNCTIONS = {
     'bash': '_lunar_rover_sim_{kind}() {{\n'

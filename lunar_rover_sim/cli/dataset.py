@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from lunar_rover_sim.base.files.paths import check_file
 from lunar_rover_sim.campaign.card import make_card, write_card
 from lunar_rover_sim.campaign.page import write_page
 from lunar_rover_sim.campaign.sharding import TEST, VALIDATION, write_shards
 from lunar_rover_sim.campaign.verification import status, verify
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_json, Progress, say
-from lunar_rover_sim.files.paths import check_file
-from lunar_rover_sim.sequences.shards import DEFAULT_SIZE
+from lunar_rover_sim.products.sequences.shards import DEFAULT_SIZE
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,15 +7,15 @@ from pathlib import Path
 
 from rich.text import Text
 
+from lunar_rover_sim.base.errors import EvaluationError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.results import json_text
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_json, print_table, say
-from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.registration import MODES
-from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
-from lunar_rover_sim.evaluation.trajectory_plots import save_plots
-from lunar_rover_sim.evaluation.trajectory_sources import bag_of
-from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.results import json_text
+from lunar_rover_sim.judge.evaluation.registration import MODES
+from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
+from lunar_rover_sim.judge.evaluation.trajectory_plots import save_plots
+from lunar_rover_sim.judge.evaluation.trajectory_sources import bag_of
 from lunar_rover_sim.run.recorded_run import FRAMES
 
 _ODD_SCALE = 0.1     # of a metric estimate that is no failure, the scale is nearer to 1

@@ -6,16 +6,16 @@ import argparse
 
 from rich.text import Text
 
+from lunar_rover_sim.base.errors import EvaluationError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.results import json_text
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_table, Progress, say
-from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.image_comparison import (compare_images, DISTANCE, FRAMES,
-                                                         ImageComparison)
-from lunar_rover_sim.evaluation.image_plots import save_comparison
-from lunar_rover_sim.evaluation.image_statistics import MEASURES
-from lunar_rover_sim.evaluation.statistics import Difference, SeriesMean
-from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.results import json_text
+from lunar_rover_sim.judge.evaluation.image_comparison import (compare_images, DISTANCE, FRAMES,
+                                                               ImageComparison)
+from lunar_rover_sim.judge.evaluation.image_plots import save_comparison
+from lunar_rover_sim.judge.evaluation.image_statistics import MEASURES
+from lunar_rover_sim.judge.evaluation.statistics import Difference, SeriesMean
 
 JSON_FILE, FIGURE_FILE = 'comparison.json', 'comparison.png'
 

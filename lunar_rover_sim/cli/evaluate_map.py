@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from lunar_rover_sim.base.errors import EvaluationError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.results import json_text
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_json, print_table, say
-from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.map_evaluation import CELL_M, evaluate_maps, NEAR_M, Rates
-from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.results import json_text
+from lunar_rover_sim.judge.evaluation.map_evaluation import CELL_M, evaluate_maps, NEAR_M, Rates
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -11,9 +11,9 @@ import sys
 from typing import NamedTuple, NoReturn
 
 from lunar_rover_sim import __version__
+from lunar_rover_sim.base.errors import ConfigError, did_you_mean, LunarRoverSimError, one_line
+from lunar_rover_sim.base.files.paths import check_open_files
 from lunar_rover_sim.cli.help_format import HelpFormatter
-from lunar_rover_sim.errors import ConfigError, did_you_mean, LunarRoverSimError, one_line
-from lunar_rover_sim.files.paths import check_open_files
 
 logger = logging.getLogger('lunar_rover_sim.cli')
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import re
 from typing import Any
 
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.paths import (check_folder, check_new_folder, packaged_names,
+                                              recorded_bag)
 from lunar_rover_sim.cli.help_format import HelpFormatter
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.paths import (check_folder, check_new_folder, packaged_names,
-                                         recorded_bag)
 
 Check = Callable[[Path], None]
 Run = Callable[[argparse.Namespace], int]

@@ -6,15 +6,15 @@ import argparse
 import textwrap
 from typing import NamedTuple
 
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.results import markdown_table
+from lunar_rover_sim.base.parameters import nearest
 from lunar_rover_sim.cli.terminal import console, say
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.results import markdown_table
-from lunar_rover_sim.parameters import nearest
+from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.node_config import NODE_CONFIGS
 from lunar_rover_sim.run.scenario import RunConfig, SHARED
 from lunar_rover_sim.run.shared_config import NodeConfig
-from lunar_rover_sim.world.config import WorldConfig
 
 
 class Row(NamedTuple):

@@ -12,28 +12,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.camera.cameras import CameraEntry, chase_camera, hazard_camera
-from lunar_rover_sim.camera.chase import ChaseConfig, SAMPLES
+from lunar_rover_sim.base.errors import ConfigError, RenderError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.images import png_bytes
+from lunar_rover_sim.base.files.paths import make_new_folder
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.parameters import nearest
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.options import numbers
 from lunar_rover_sim.cli.terminal import Progress, say
-from lunar_rover_sim.errors import ConfigError, RenderError
-from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.images import png_bytes
-from lunar_rover_sim.files.paths import make_new_folder
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.parameters import nearest
-from lunar_rover_sim.rendering.frame import LAYERS
-from lunar_rover_sim.rendering.layer_pictures import contact_sheet
-from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, settled, standing
+from lunar_rover_sim.ground.world.cache import cached
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.world_folder import load_world
+from lunar_rover_sim.image.camera.cameras import CameraEntry, chase_camera, hazard_camera
+from lunar_rover_sim.image.camera.chase import ChaseConfig, SAMPLES
+from lunar_rover_sim.image.rendering.frame import LAYERS
+from lunar_rover_sim.image.rendering.layer_pictures import contact_sheet
+from lunar_rover_sim.image.rendering.snapshot import HEIGHT_M, settle, settled, standing
 from lunar_rover_sim.rover.description import MOST_LEGS
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.world.cache import cached
-from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.world_folder import load_world
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

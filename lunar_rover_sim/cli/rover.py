@@ -5,15 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.paths import check_file
 from lunar_rover_sim.cli import options
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import check_file
+from lunar_rover_sim.products.usd.names import is_stage, stage_bytes, SUFFIXES
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.usd.names import is_stage, stage_bytes, SUFFIXES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +39,7 @@ def run_export(args: argparse.Namespace) -> int:
     output = args.output
     if is_stage(output):
         # Here, because OpenUSD is an optional dependency.
-        from lunar_rover_sim.usd.rover_stage import write_rover
+        from lunar_rover_sim.products.usd.rover_stage import write_rover
         render = scenario.render_node if scenario else RenderNodeConfig()
         physics = scenario.physics_node if scenario else PhysicsNodeConfig()
         write_rover(rover, output, camera=render.camera, sensor=render.sensor,

@@ -9,13 +9,13 @@ import dataclasses
 import signal
 import time
 
+from lunar_rover_sim.autonomy.path_following.config import SHAPES
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.paths import config_path
+from lunar_rover_sim.base.parameters import replaced
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.paths import config_path
-from lunar_rover_sim.inspection.summary import summarise
-from lunar_rover_sim.parameters import replaced
-from lunar_rover_sim.path_following.config import SHAPES
+from lunar_rover_sim.products.inspection.summary import summarise
 from lunar_rover_sim.run.companion_config import VIEW_PORT
 from lunar_rover_sim.run.live_view import check_view, ViewProcess
 from lunar_rover_sim.run.plan import (navigated_duration_s, with_navigator, with_policy,

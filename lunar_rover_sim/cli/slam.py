@@ -7,24 +7,24 @@ from contextlib import suppress
 import math
 from pathlib import Path
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import SlamError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.paths import check_file, config_path, make_new_folder
+from lunar_rover_sim.base.files.results import json_text
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_json, Progress, say
-from lunar_rover_sim.errors import SlamError
-from lunar_rover_sim.evaluation.trajectory_plots import TOP_VIEW
-from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import check_file, config_path, make_new_folder
-from lunar_rover_sim.files.results import json_text
+from lunar_rover_sim.judge.evaluation.trajectory_plots import TOP_VIEW
+from lunar_rover_sim.judge.slam.benchmark_report import write_report
+from lunar_rover_sim.judge.slam.drives import join
+from lunar_rover_sim.judge.slam.estimators import Estimator, stock_program, SYSTEMS
+from lunar_rover_sim.judge.slam.run_on_bag import ESTIMATE, run_on_bag
+from lunar_rover_sim.judge.slam.table import Paper, read_paper
+from lunar_rover_sim.judge.slam.vocabulary import descriptors, open_sets, train
+from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS, settings
+from lunar_rover_sim.products.sequences.sensors import described_sensors, recorded_sensors
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
-from lunar_rover_sim.sequences.sensors import described_sensors, recorded_sensors
-from lunar_rover_sim.slam.benchmark_report import write_report
-from lunar_rover_sim.slam.drives import join
-from lunar_rover_sim.slam.estimators import Estimator, stock_program, SYSTEMS
-from lunar_rover_sim.slam.run_on_bag import ESTIMATE, run_on_bag
-from lunar_rover_sim.slam.table import Paper, read_paper
-from lunar_rover_sim.slam.vocabulary import descriptors, open_sets, train
 
 _DESCRIPTORS_PER_WORD = 3      # fewer, and most leaves of the tree hold one
 

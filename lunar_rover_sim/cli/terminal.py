@@ -21,8 +21,8 @@ from rich.markdown import Markdown
 from rich.table import Table
 from rich.text import Text
 
+from lunar_rover_sim.base.files.results import json_text
 from lunar_rover_sim.cli.help_format import PIPE_COLUMNS
-from lunar_rover_sim.files.results import json_text
 
 PIPE_PERIOD_S = 10.0    # between the lines of progress in a pipe
 _CUT = '…'              # what rich puts in the place of text

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.paths import check_file
+from lunar_rover_sim.base.files.yaml_text import parse_yaml
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_table, say
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.paths import check_file
-from lunar_rover_sim.files.yaml_text import parse_yaml
+from lunar_rover_sim.judge.studies import imu
 from lunar_rover_sim.sensors.imu import ImuConfig
-from lunar_rover_sim.studies import imu
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import argparse
 
+from lunar_rover_sim.autonomy.learning.policy_file import Policy, policy_names, policy_path
+from lunar_rover_sim.autonomy.learning.task import GROUNDS as ALL_GROUNDS
+from lunar_rover_sim.base.errors import ConfigError, StudyError
+from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
-from lunar_rover_sim.errors import ConfigError, StudyError
-from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.learning.policy_file import Policy, policy_names, policy_path
-from lunar_rover_sim.learning.task import GROUNDS as ALL_GROUNDS
-from lunar_rover_sim.studies.learning import (Case, GROUNDS, HIDDEN_SEEDS, PACKAGED, report_text,
-                                              SETTINGS, SLOPES_DEG, study, WalkStore, write_walks)
+from lunar_rover_sim.judge.studies.learning import (Case, GROUNDS, HIDDEN_SEEDS, PACKAGED,
+                                                    report_text, SETTINGS, SLOPES_DEG, study,
+                                                    WalkStore, write_walks)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

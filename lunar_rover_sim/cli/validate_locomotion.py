@@ -5,17 +5,17 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from lunar_rover_sim.base.files.paths import make_new_folder
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
-from lunar_rover_sim.files.paths import make_new_folder
-from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.judge.studies import (locomotion, locomotion_grounds, locomotion_report,
+                                           terramechanics)
+from lunar_rover_sim.judge.studies.gait_measurement import (COMMANDS, CommandTracking,
+                                                            measure_commands, MeasurementSettings)
+from lunar_rover_sim.judge.studies.locomotion import read_curve, STEADY_FROM_S
+from lunar_rover_sim.judge.studies.terramechanics import Ground
+from lunar_rover_sim.rover.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.studies import (locomotion, locomotion_grounds, locomotion_report,
-                                     terramechanics)
-from lunar_rover_sim.studies.gait_measurement import (COMMANDS, CommandTracking, measure_commands,
-                                                      MeasurementSettings)
-from lunar_rover_sim.studies.locomotion import read_curve, STEADY_FROM_S
-from lunar_rover_sim.studies.terramechanics import Ground
 
 GROUNDS = ('rigid', 'highland', 'highland_loose')
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 import re
 
+from lunar_rover_sim.autonomy.navigation.config import SLAM, TRUTH, WHEELS
+from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.navigation.config import SLAM, TRUTH, WHEELS
+from lunar_rover_sim.judge.studies import navigation
+from lunar_rover_sim.judge.studies.navigation_drives import DRIVERS
+from lunar_rover_sim.judge.studies.navigation_poses import REFERENCE
 from lunar_rover_sim.run.scenario import Scenario, scenario_names
-from lunar_rover_sim.studies import navigation
-from lunar_rover_sim.studies.navigation_drives import DRIVERS
-from lunar_rover_sim.studies.navigation_poses import REFERENCE
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

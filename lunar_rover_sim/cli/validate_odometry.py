@@ -9,8 +9,8 @@ import numpy as np
 
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_table, Progress, say
+from lunar_rover_sim.judge.studies import odometry
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.studies import odometry
 
 _AXES = ('along the first heading [m]', 'across it [m]', 'yaw [rad]')
 

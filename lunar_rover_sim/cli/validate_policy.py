@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import dataclasses
 
+from lunar_rover_sim.autonomy.learning.policy_file import Policy, policy_names
+from lunar_rover_sim.autonomy.learning.validation import DURATION_S, TOLERANCE, validate_policy
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_json, print_table, Progress, say
-from lunar_rover_sim.learning.policy_file import Policy, policy_names
-from lunar_rover_sim.learning.validation import DURATION_S, TOLERANCE, validate_policy
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

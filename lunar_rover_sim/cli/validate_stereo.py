@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.paths import make_new_folder
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_table, Progress, say
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import make_new_folder
+from lunar_rover_sim.judge.studies.stereo import study
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.studies.stereo import study
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

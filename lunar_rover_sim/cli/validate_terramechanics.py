@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 import functools
 
+from lunar_rover_sim.base.files.paths import make_new_folder
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
-from lunar_rover_sim.files.paths import make_new_folder
+from lunar_rover_sim.judge.studies import terramechanics_anchors, terramechanics_report
+from lunar_rover_sim.judge.studies.study_folder import map_in_processes
+from lunar_rover_sim.judge.studies.terramechanics import (Ground, GROUNDS, measure, PULLS, SKIP_S,
+                                                          SLOPES_DEG, WalkSettings)
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.studies import terramechanics_anchors, terramechanics_report
-from lunar_rover_sim.studies.study_folder import map_in_processes
-from lunar_rover_sim.studies.terramechanics import (Ground, GROUNDS, measure, PULLS, SKIP_S,
-                                                    SLOPES_DEG, WalkSettings)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

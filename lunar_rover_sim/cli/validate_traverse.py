@@ -7,10 +7,10 @@ import dataclasses
 
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
+from lunar_rover_sim.judge.studies import traverse_report
+from lunar_rover_sim.judge.studies.terramechanics import Ground
+from lunar_rover_sim.judge.studies.traverse import study, Traverse, TraverseSettings, TraverseStore
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.studies import traverse_report
-from lunar_rover_sim.studies.terramechanics import Ground
-from lunar_rover_sim.studies.traverse import study, Traverse, TraverseSettings, TraverseStore
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,14 +10,14 @@ import threading
 import time
 from typing import Any
 
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.frames import BASE_FRAME
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.frames import BASE_FRAME
-from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.ground.world.cache import cached
+from lunar_rover_sim.ground.world.world_folder import load_world
+from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.world.cache import cached
-from lunar_rover_sim.world.world_folder import load_world
 
 _FRAME_S = 1.0 / 60.0
 _DISTANCE_M, _ELEVATION_DEG = 1.2, -20.0

@@ -14,27 +14,27 @@ import numpy as np
 from rich import box
 
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.paths import check_file, check_png
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_json, print_table, Progress, say
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.paths import check_file, check_png
-from lunar_rover_sim.illumination.dates import parse_date, shown
-from lunar_rover_sim.illumination.light_time import sky_over_time, SkyOverTime, write_figure
-from lunar_rover_sim.regolith.patch import changed_patch, save_patch
-from lunar_rover_sim.rendering.snapshot import four_views
+from lunar_rover_sim.ground.regolith.patch import changed_patch, save_patch
+from lunar_rover_sim.ground.world.build import build_world
+from lunar_rover_sim.ground.world.export import write as write_mesh
+from lunar_rover_sim.ground.world.map_sheet import write as write_sheet
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.orbital import (HEIGHTS, OrbitalErrors, PHOTO, SUFFIXES,
+                                                  write_features, write_map)
+from lunar_rover_sim.ground.world.shade import horizon_deg, rms_slope_deg
+from lunar_rover_sim.ground.world.site import reported_site, Site
+from lunar_rover_sim.ground.world.world_folder import load_world, save_world
+from lunar_rover_sim.image.illumination.dates import parse_date, shown
+from lunar_rover_sim.image.illumination.light_time import sky_over_time, SkyOverTime, write_figure
+from lunar_rover_sim.image.rendering.snapshot import four_views
+from lunar_rover_sim.products.usd.names import is_stage, stage_bytes
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.usd.names import is_stage, stage_bytes
-from lunar_rover_sim.world.build import build_world
-from lunar_rover_sim.world.export import write as write_mesh
-from lunar_rover_sim.world.map_sheet import write as write_sheet
-from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.orbital import (HEIGHTS, OrbitalErrors, PHOTO, SUFFIXES, write_features,
-                                           write_map)
-from lunar_rover_sim.world.shade import horizon_deg, rms_slope_deg
-from lunar_rover_sim.world.site import reported_site, Site
-from lunar_rover_sim.world.world_folder import load_world, save_world
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -305,9 +305,9 @@ def _export_mesh(args: argparse.Namespace, output: Path) -> None:
 
 def _export_stage(args: argparse.Namespace, output: Path) -> None:
     # Here, because OpenUSD is an optional dependency.
-    from lunar_rover_sim.usd.drive_stage import settings_of
-    from lunar_rover_sim.usd.output import check_output, check_prim_name
-    from lunar_rover_sim.usd.world_stage import write_world
+    from lunar_rover_sim.products.usd.drive_stage import settings_of
+    from lunar_rover_sim.products.usd.output import check_output, check_prim_name
+    from lunar_rover_sim.products.usd.world_stage import write_world
     check_output(output, args.overwrite)
     name = check_prim_name(args.name if args.name is not None else 'World')
     scenario = Scenario.load(args.scenario) if args.scenario else None

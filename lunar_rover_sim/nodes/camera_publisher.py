@@ -14,27 +14,27 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header, String
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.camera.cameras import CameraEntry, Output
-from lunar_rover_sim.camera.compression import compressed
-from lunar_rover_sim.camera.fisheye import geometry_of
-from lunar_rover_sim.camera.mosaic import shown
-from lunar_rover_sim.camera.mount import BodyMount, Mount
-from lunar_rover_sim.errors import RenderError
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import RenderError
+from lunar_rover_sim.ground.world.craters import Craters
+from lunar_rover_sim.ground.world.rocks import Rocks
+from lunar_rover_sim.image.camera.cameras import CameraEntry, Output
+from lunar_rover_sim.image.camera.compression import compressed
+from lunar_rover_sim.image.camera.fisheye import geometry_of
+from lunar_rover_sim.image.camera.mosaic import shown
+from lunar_rover_sim.image.camera.mount import BodyMount, Mount
+from lunar_rover_sim.image.rendering import layer_pictures
+from lunar_rover_sim.image.rendering.instances import instances
+from lunar_rover_sim.image.rendering.labels import class_names, vocabulary
+from lunar_rover_sim.image.rendering.renderer import FurtherCamera, Renderer
+from lunar_rover_sim.image.stereo.points import points_from_depth
+from lunar_rover_sim.image.stereo.sgm import SgmMatcher
 from lunar_rover_sim.nodes import conversions, image_conversions, qos
 from lunar_rover_sim.nodes.image_conversions import (detections, label_info, vision_info,
                                                      vision_messages)
 from lunar_rover_sim.nodes.message_types import message_class
-from lunar_rover_sim.rendering import layer_pictures
-from lunar_rover_sim.rendering.instances import instances
-from lunar_rover_sim.rendering.labels import class_names, vocabulary
-from lunar_rover_sim.rendering.renderer import FurtherCamera, Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.node_config import RenderNodeConfig
-from lunar_rover_sim.stereo.points import points_from_depth
-from lunar_rover_sim.stereo.sgm import SgmMatcher
-from lunar_rover_sim.world.craters import Craters
-from lunar_rover_sim.world.rocks import Rocks
 
 _SENSED = ('left', 'right')
 EXPOSURE = 'exposure_s'     # beside the layers of a frame

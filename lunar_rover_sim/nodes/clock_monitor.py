@@ -16,9 +16,9 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import time_ns
-from lunar_rover_sim.closing import Closing
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.closing import Closing
 from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.node_main import bound_leaving
 

@@ -23,15 +23,15 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Header
 
-from lunar_rover_sim import frames
-from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.base import frames
+from lunar_rover_sim.base.errors import GraphError
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.rover.pose import RoverPose
-from lunar_rover_sim.seconds import NS_PER_S
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.physics.state import RoverState
+    from lunar_rover_sim.rover.physics.state import RoverState
     from lunar_rover_sim.sensors.imu import ImuSample
     from lunar_rover_sim.sensors.registry import OdometryConfig
     from lunar_rover_sim.sensors.wheel_odometry import WheelOdometry

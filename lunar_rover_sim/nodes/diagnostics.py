@@ -12,7 +12,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from lunar_rover_sim import topics
+from lunar_rover_sim.base import topics
 from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.node_main import GraphNode
 

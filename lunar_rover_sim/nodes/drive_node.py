@@ -7,17 +7,17 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.serialization import deserialize_message
 
-from lunar_rover_sim import frames, topics
+from lunar_rover_sim.autonomy.path_following.driver import Driver, STOPPED
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
+from lunar_rover_sim.base import frames, topics
+from lunar_rover_sim.base.seconds import NS_PER_S
+from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
-from lunar_rover_sim.path_following.driver import Driver, STOPPED
 from lunar_rover_sim.run.node_config import DriveNodeConfig
-from lunar_rover_sim.seconds import NS_PER_S
-from lunar_rover_sim.world.world_folder import load_world
 
 
 class DriveNode(node_main.GraphNode):

@@ -59,8 +59,8 @@ def main() -> int:
     gc.disable()
     import importlib
 
-    from lunar_rover_sim.errors import LunarRoverSimError
-    from lunar_rover_sim.files.paths import check_open_files
+    from lunar_rover_sim.base.errors import LunarRoverSimError
+    from lunar_rover_sim.base.files.paths import check_open_files
     from lunar_rover_sim.run.node_state import fail
     from lunar_rover_sim.run.ros_domain import dds_environment, require_ros
     try:

@@ -7,12 +7,12 @@ from typing import Any
 from sensor_msgs.msg import JointState
 
 from lunar_rover_sim.bag.messages import time_ns
-from lunar_rover_sim.gait.calibration import differences, GaitCalibration, rover_conditions
-from lunar_rover_sim.gait.controller import GaitController, LegCommand
 from lunar_rover_sim.nodes import conversions
 from lunar_rover_sim.nodes.leg_controller import LegControllerNode
 from lunar_rover_sim.nodes.parameters import on_change
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.gait.calibration import differences, GaitCalibration, rover_conditions
+from lunar_rover_sim.rover.gait.controller import GaitController, LegCommand
 from lunar_rover_sim.run.node_config import GaitNodeConfig
 
 

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.ground_points import changes_of
 from lunar_rover_sim.bag.stamps import stamp_ns
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.ground.regolith.overlay import GroundChanges, Overlay
 from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.node_main import GraphNode
-from lunar_rover_sim.regolith.overlay import GroundChanges, Overlay
 
 # Messages of two topics may arrive a little out of order; stamps further back are of a restart.
 _JUMP_NS = 500_000_000

@@ -15,10 +15,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import time_ns
-from lunar_rover_sim.errors import GaitError
-from lunar_rover_sim.gait.controller import LegCommand, MAX_COMMAND
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import GaitError
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.message_types import name_of
@@ -26,6 +25,7 @@ from lunar_rover_sim.nodes.node_main import GraphNode, TimeJump
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.gait.controller import LegCommand, MAX_COMMAND
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import GaitNodeConfig, PolicyNodeConfig
 

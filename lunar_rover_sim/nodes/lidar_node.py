@@ -17,14 +17,14 @@ from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import JointState, LaserScan, PointCloud2
 from std_msgs.msg import Header
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.lidar.lidar import Lidar
-from lunar_rover_sim.lidar.motion import ScanMotion
-from lunar_rover_sim.lidar.optics import LidarOptics
-from lunar_rover_sim.lidar.scan import PlanarScan
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.image.lidar.lidar import Lidar
+from lunar_rover_sim.image.lidar.motion import ScanMotion
+from lunar_rover_sim.image.lidar.optics import LidarOptics
+from lunar_rover_sim.image.lidar.scan import PlanarScan
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
 from lunar_rover_sim.nodes.ground_listener import GroundListener

@@ -11,7 +11,9 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.base.errors import GraphError
+from lunar_rover_sim.base.seconds import NS_PER_S
+from lunar_rover_sim.base.topics import Topic
 from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.diagnostics import Drops
 from lunar_rover_sim.nodes.message_types import message_class
@@ -20,8 +22,6 @@ from lunar_rover_sim.run.lockstep import machine_slowness, StampGate, STARTED_NS
 from lunar_rover_sim.run.node_state import (ANSWERS, is_supervised, NodeState, PUBLISHERS, tell,
                                             WAITING)
 from lunar_rover_sim.run.shared_config import WaitConfig
-from lunar_rover_sim.seconds import NS_PER_S
-from lunar_rover_sim.topics import Topic
 
 # An answer may refer to a state that has not reached this node yet, but not to a later one.
 _MAX_AHEAD_NS = NS_PER_S

@@ -13,11 +13,11 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
+from lunar_rover_sim.autonomy.navigation.elevation_map import Elevation
+from lunar_rover_sim.autonomy.navigation.traversability import Traversability
 from lunar_rover_sim.bag.messages import time_ns
-from lunar_rover_sim.errors import NavigationError
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.navigation.elevation_map import Elevation
-from lunar_rover_sim.navigation.traversability import Traversability
+from lunar_rover_sim.base.errors import NavigationError
+from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.nodes.conversions import time_msg
 from lunar_rover_sim.nodes.image_conversions import cloud
 

@@ -10,12 +10,13 @@ from nav_msgs.msg import OccupancyGrid
 import numpy as np
 from sensor_msgs.msg import Image, PointCloud2
 
-from lunar_rover_sim import topics
+from lunar_rover_sim.autonomy.navigation.elevation_map import ElevationMap
+from lunar_rover_sim.autonomy.navigation.traversability import (Limits, traversability,
+                                                                Traversability)
 from lunar_rover_sim.bag.messages import header_ns
-from lunar_rover_sim.camera.rig import StereoRig
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.navigation.elevation_map import ElevationMap
-from lunar_rover_sim.navigation.traversability import Limits, traversability, Traversability
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.nodes import conversions, map_conversions, node_main, qos
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.pose_source import PoseSource

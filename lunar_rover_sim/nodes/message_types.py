@@ -6,7 +6,7 @@ import importlib
 import re
 from typing import Any
 
-from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.base.errors import GraphError
 
 
 def message_class(type_name: str) -> Any:

@@ -7,13 +7,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.frames import sun_direction
-from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.illumination.sun_of_date import SunPath
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.frames import sun_direction
+from lunar_rover_sim.image.illumination.config import SunConfig
+from lunar_rover_sim.image.illumination.sun_of_date import SunPath
+from lunar_rover_sim.image.rendering.renderer import Renderer
+from lunar_rover_sim.image.rendering.world_light import WorldLight
 from lunar_rover_sim.nodes import conversions, qos
-from lunar_rover_sim.rendering.renderer import Renderer
-from lunar_rover_sim.rendering.world_light import WorldLight
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 
 

@@ -12,15 +12,18 @@ from nav_msgs.msg import OccupancyGrid, Odometry, Path
 import numpy as np
 from std_msgs.msg import Header
 
-from lunar_rover_sim import frames, topics
+from lunar_rover_sim.autonomy.navigation.config import SLAM, TraversabilityConfig
+from lunar_rover_sim.autonomy.navigation.navigator import (ARRIVED, FAILED, Navigator,
+                                                           NavigatorCommand)
+from lunar_rover_sim.autonomy.navigation.planner import Plan
+from lunar_rover_sim.autonomy.navigation.traversability import Limits, Traversability
 from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.errors import NavigationError
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.navigation.config import SLAM, TraversabilityConfig
-from lunar_rover_sim.navigation.navigator import ARRIVED, FAILED, Navigator, NavigatorCommand
-from lunar_rover_sim.navigation.planner import Plan
-from lunar_rover_sim.navigation.traversability import Limits, Traversability
+from lunar_rover_sim.base import frames, topics
+from lunar_rover_sim.base.errors import NavigationError
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.seconds import NS_PER_S
+from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.nodes import conversions, map_conversions, node_main, qos
 from lunar_rover_sim.nodes.nav2_action import NavigateToPoseServer
 from lunar_rover_sim.nodes.parameters import declare
@@ -28,8 +31,6 @@ from lunar_rover_sim.nodes.pose_source import PoseSource
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import NavigatorNodeConfig
-from lunar_rover_sim.seconds import NS_PER_S
-from lunar_rover_sim.world.world_folder import load_world
 
 _KEPT_MAPS = 50
 

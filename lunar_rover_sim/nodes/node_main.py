@@ -24,7 +24,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from lunar_rover_sim import __version__
-from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
+from lunar_rover_sim.base.errors import ConfigError, LunarRoverSimError
 from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.message_types import name_of
 from lunar_rover_sim.run.node_state import fail, NodeState, READY, tell

@@ -5,11 +5,11 @@ from __future__ import annotations
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.errors import ConfigError, GraphError
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError, GraphError
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.nodes import qos
-from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.world_folder import load_world
 
 
 def load_own_world(folder: str) -> World:

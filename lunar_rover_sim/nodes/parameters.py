@@ -10,10 +10,10 @@ from rcl_interfaces.msg import (FloatingPointRange, IntegerRange, ParameterDescr
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.named_sets import NAME
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.named_sets import NAME
+from lunar_rover_sim.base.parameters import nearest, ParamInfo
 from lunar_rover_sim.nodes import qos
-from lunar_rover_sim.parameters import nearest, ParamInfo
 from lunar_rover_sim.run.shared_config import NodeConfig
 
 C = TypeVar('C', bound=NodeConfig)

@@ -8,7 +8,7 @@ import time
 from lunar_rover_sim.nodes.diagnostics import (Diagnostics, Drops, ERROR, OK, Rate, SubjectStatus,
                                                TOLERANCE, WARN)
 from lunar_rover_sim.nodes.node_main import GraphNode
-from lunar_rover_sim.physics.state import RoverState, TipOver
+from lunar_rover_sim.rover.physics.state import RoverState, TipOver
 from lunar_rover_sim.run.lockstep import StampGate
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 

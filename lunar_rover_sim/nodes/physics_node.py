@@ -7,10 +7,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import time_ns
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.own_world import load_own_world
@@ -20,8 +20,8 @@ from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.requested_sensors import RequestedSensors
 from lunar_rover_sim.nodes.state_publisher import GroundPublisher, StatePublisher
-from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.rover.physics.simulation import Simulation
+from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import Imu, JointState
 
-from lunar_rover_sim import topics
+from lunar_rover_sim.autonomy.learning.controller import PolicyController
+from lunar_rover_sim.autonomy.learning.policy_file import policy_names
+from lunar_rover_sim.autonomy.learning.senses import Sample
 from lunar_rover_sim.bag.messages import time_ns, xyz
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.gait.controller import LegCommand
-from lunar_rover_sim.learning.controller import PolicyController
-from lunar_rover_sim.learning.policy_file import policy_names
-from lunar_rover_sim.learning.senses import Sample
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.leg_controller import LegControllerNode
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.gait.controller import LegCommand
 from lunar_rover_sim.run.node_config import PolicyNodeConfig
 
 _WATCH_S = 0.05

@@ -15,10 +15,11 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.base import frames, topics
+from lunar_rover_sim.base.errors import GraphError
+from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops
 from lunar_rover_sim.nodes.node_main import GraphNode, TimeJump
@@ -28,7 +29,6 @@ from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.companion_config import PoseBridgeNodeConfig, SET_ENTITY_STATE, TELEPORT
-from lunar_rover_sim.seconds import NS_PER_S
 
 SERVICE = 'set_entity_state'
 WORLD_FRAME = 'world'       # the global frame of simulation_interfaces

@@ -14,13 +14,13 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu
 
-from lunar_rover_sim import frames, topics
+from lunar_rover_sim.autonomy.navigation.config import SLAM, TRUTH
+from lunar_rover_sim.autonomy.navigation.poses import AnchoredPoses, LevelledWheels
 from lunar_rover_sim.bag.messages import header_ns, xyz
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.navigation.config import SLAM, TRUTH
-from lunar_rover_sim.navigation.poses import AnchoredPoses, LevelledWheels
+from lunar_rover_sim.base import frames, topics
+from lunar_rover_sim.base.errors import GraphError
+from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.node_main import GraphNode, TimeJump
 from lunar_rover_sim.rover.description import RoverDescription

@@ -7,7 +7,7 @@ import dataclasses
 import time
 from typing import Protocol
 
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.base.frames import Array
 
 OVERTAKEN, FAILED, UNANSWERED = 'Overtaken states', 'Refused states', 'Unanswered calls'
 _RETRY_S = 1.0

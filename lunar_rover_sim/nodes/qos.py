@@ -16,10 +16,10 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from lunar_rover_sim.arguments import brief
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import nearest
-from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, LATCHED, SCAN, SUN, Topic
+from lunar_rover_sim.base.arguments import brief
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.parameters import nearest
+from lunar_rover_sim.base.topics import DEPTH_FRAME, FRAME, LATCHED, SCAN, SUN, Topic
 
 STATE_DEPTH = 1000
 FRAME_DEPTH = 10

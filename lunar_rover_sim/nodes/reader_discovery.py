@@ -14,7 +14,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.base.errors import GraphError
 from lunar_rover_sim.nodes.message_types import name_of
 
 # A node advertises its topics before it subscribes, or after: the graph must have been the same

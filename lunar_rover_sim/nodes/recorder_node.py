@@ -13,12 +13,13 @@ from rclpy.publisher import Publisher
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Header, String
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.marker import why_short
 from lunar_rover_sim.bag.recorded_scenario import scenario_of_text
 from lunar_rover_sim.bag.totals import is_at_wall_time, RecordingPace
 from lunar_rover_sim.bag.writer import BagWriter
-from lunar_rover_sim.errors import ConfigError, GraphError
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError, GraphError
+from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
 from lunar_rover_sim.nodes.message_types import definition_of, message_class
@@ -29,7 +30,6 @@ from lunar_rover_sim.run.node_config import ALL, RecorderNodeConfig
 from lunar_rover_sim.run.publication import is_recorded
 from lunar_rover_sim.run.recorded_run import RecordedNodes
 from lunar_rover_sim.run.transforms import RunTransforms
-from lunar_rover_sim.seconds import NS_PER_S
 
 _GRAPH_NAMES = {topic.name: topic.graph_name for topic in topics.CONTRACT}
 # A timer: rclpy has no event for a new topic. Listing the topics takes some milliseconds, so it is

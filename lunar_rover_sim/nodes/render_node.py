@@ -12,11 +12,14 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.camera.miscalibration import Miscalibration
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.illumination.sun_of_date import sun_of_date
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.ground.world.site import reported_site
+from lunar_rover_sim.image.camera.miscalibration import Miscalibration
+from lunar_rover_sim.image.illumination.sun_of_date import sun_of_date
+from lunar_rover_sim.image.rendering.frame import unknown_flows
+from lunar_rover_sim.image.rendering.renderer import Renderer
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.camera_publisher import (CameraPublisher, EXPOSURE, LabelPublisher,
                                                     Periods)
@@ -28,12 +31,9 @@ from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds
 from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.state_publisher import publish_frames
-from lunar_rover_sim.rendering.frame import unknown_flows
-from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import RenderNodeConfig
-from lunar_rover_sim.world.site import reported_site
 
 # A state between two periods that stays alone for so long is drawn all the same [wall time].
 _SINGLE_S = 0.3

@@ -11,11 +11,11 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import BatteryState
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.frames import wxyz_from_matrix
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.frames import wxyz_from_matrix
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.message_types import message_class
-from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.sensors.sensor import Attitude, JointValues, Sensor, Supply, Vector
 
 _UNKNOWN = 'temperature', 'charge', 'capacity', 'design_capacity', 'percentage'

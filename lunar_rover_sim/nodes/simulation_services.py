@@ -13,8 +13,8 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from lunar_rover_sim.errors import PhysicsError
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.base.errors import PhysicsError
+from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.nodes import conversions
 from lunar_rover_sim.nodes.node_main import GraphNode
 from lunar_rover_sim.nodes.pacing import ServiceThread

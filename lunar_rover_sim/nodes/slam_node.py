@@ -14,24 +14,24 @@ import numpy as np
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import Image, Imu
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.message_validity import image_problem, pixels
 from lunar_rover_sim.bag.messages import header_ns, time_ns, xyz
-from lunar_rover_sim.camera.encoding import eight_bits, ENCODINGS
-from lunar_rover_sim.errors import ConfigError, GraphError
-from lunar_rover_sim.frames import matrix_from_wxyz, se3
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError, GraphError
+from lunar_rover_sim.base.frames import matrix_from_wxyz, se3
+from lunar_rover_sim.image.camera.encoding import eight_bits, ENCODINGS
+from lunar_rover_sim.image.stereo.points import grey
+from lunar_rover_sim.judge.slam import protocol
+from lunar_rover_sim.judge.slam.program import command_words, program_settings, SlamProgram
+from lunar_rover_sim.judge.slam.protocol import FrameSet
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, OK, SubjectStatus, WARN
 from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
+from lunar_rover_sim.products.sequences.sensors import described_sensors
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import SlamNodeConfig
-from lunar_rover_sim.sequences.sensors import described_sensors
-from lunar_rover_sim.slam import protocol
-from lunar_rover_sim.slam.program import command_words, program_settings, SlamProgram
-from lunar_rover_sim.slam.protocol import FrameSet
-from lunar_rover_sim.stereo.points import grey
 
 _MOST_UNPAIRED = 20
 _RECENT = 20                # answers whose latency is in the diagnostics

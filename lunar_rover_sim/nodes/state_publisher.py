@@ -12,20 +12,20 @@ from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 
-from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.ground_points import points_of
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.base import frames, topics
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.ground.regolith.overlay import GroundChanges, Overlay
+from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.nodes import conversions, image_conversions, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import GraphNode
-from lunar_rover_sim.physics.state import RoverState
-from lunar_rover_sim.regolith.overlay import GroundChanges, Overlay
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import fixed_frames, imu_pose, moving_frames
+from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 from lunar_rover_sim.sensors.imu import ImuNoise
-from lunar_rover_sim.world.grid import HeightGrid
 
 
 class StatePublisher:

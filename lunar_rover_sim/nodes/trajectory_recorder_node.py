@@ -6,14 +6,14 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from lunar_rover_sim.errors import ConfigError, GraphError
-from lunar_rover_sim.evaluation.trajectory_sources import POSES_OF
+from lunar_rover_sim.base.errors import ConfigError, GraphError
+from lunar_rover_sim.base.seconds import in_seconds
+from lunar_rover_sim.judge.evaluation.trajectory_sources import POSES_OF
 from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.run.companion_config import TrajectoryRecorderNodeConfig
-from lunar_rover_sim.seconds import in_seconds
 
 TOPIC = 'pose'
 _DISCOVERY_S = 0.1

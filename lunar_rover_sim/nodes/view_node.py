@@ -15,9 +15,10 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.subscription import Subscription
 from rosbags.typesys import get_typestore, Stores
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import StampTable
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
@@ -25,7 +26,6 @@ from lunar_rover_sim.run.companion_config import ViewNodeConfig
 from lunar_rover_sim.run.live_page import map_pages
 from lunar_rover_sim.run.live_view import HOST, LiveView
 from lunar_rover_sim.run.transforms import OdometryTransforms, transforms_of
-from lunar_rover_sim.world.world_folder import load_world
 
 _POLL_S = 0.2
 _HISTORY = 5

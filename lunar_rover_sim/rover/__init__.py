@@ -1,1 +1,1 @@
-"""The rover: one description, from which MJCF, URDF, meshes and sensor mounts are made."""
+"""The rover: one description for MJCF, URDF and meshes; its physics in MuJoCo; its gait."""

@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.named_sets import Named
-from lunar_rover_sim.parameters import group, named, param, Parameters
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.named_sets import Named
+from lunar_rover_sim.base.parameters import group, named, param, Parameters
 
 DEFAULT_ROVER = 'quad'
 LEFT, RIGHT = 'left', 'right'

@@ -14,7 +14,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from lunar_rover_sim.frames import wxyz_from_rpy
+from lunar_rover_sim.base.frames import wxyz_from_rpy
 from lunar_rover_sim.rover.description import (chassis_inertia, leg_inertia, Legs, Motor,
                                                RoverDescription)
 from lunar_rover_sim.rover.mounts import MAST_RADIUS_M

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lunar_rover_sim import frames
-from lunar_rover_sim.frames import Array, matrix_from_wxyz, R_BODY_OPTICAL, se3, wxyz_from_rpy
+from lunar_rover_sim.base import frames
+from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, R_BODY_OPTICAL, se3, wxyz_from_rpy
 from lunar_rover_sim.rover.description import RoverDescription
 
 MAST_RADIUS_M = 0.008   # of the pole that carries the cameras

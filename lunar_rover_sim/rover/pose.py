@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.base.frames import Array
 
 
 class Posed(Protocol):

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.base.frames import Array
 
 Mesh = tuple[Array, NDArray[np.int64]]
 

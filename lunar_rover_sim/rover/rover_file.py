@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import find_file
-from lunar_rover_sim.files.yaml_text import read_yaml, yaml_of
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.paths import find_file
+from lunar_rover_sim.base.files.yaml_text import read_yaml, yaml_of
 from lunar_rover_sim.rover.description import DEFAULT_ROVER, RoverDescription
 
 _MOST_BYTES = 1 << 18

@@ -11,8 +11,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from lunar_rover_sim import frames
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.base import frames
+from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.rover.description import chassis_inertia, leg_inertia, RoverDescription
 from lunar_rover_sim.rover.mounts import fixed_frames, MAST_RADIUS_M
 

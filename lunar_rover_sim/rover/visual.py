@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lunar_rover_sim.frames import Array, BASE_FRAME, se3
+from lunar_rover_sim.base.frames import Array, BASE_FRAME, se3
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import camera_poses, MAST_RADIUS_M
 from lunar_rover_sim.rover.primitives import box, cylinder, merge, Mesh, sphere, transformed

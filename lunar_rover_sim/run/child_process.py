@@ -17,7 +17,7 @@ from typing import BinaryIO
 
 import psutil
 
-from lunar_rover_sim.errors import ProcessError
+from lunar_rover_sim.base.errors import ProcessError
 
 _POLL_S = 0.1
 _TAIL_LINES = 5

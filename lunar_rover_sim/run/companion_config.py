@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import group, param, Parameters
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.parameters import group, param, Parameters
 from lunar_rover_sim.run.shared_config import NodeConfig
 
 SET_ENTITY_STATE, TELEPORT = 'set_entity_state', 'teleport'

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from lunar_rover_sim.closing import Closing
-from lunar_rover_sim.files.images import png_bytes
-from lunar_rover_sim.world.model import World
+from lunar_rover_sim.base.closing import Closing
+from lunar_rover_sim.base.files.images import png_bytes
+from lunar_rover_sim.ground.world.model import World
 
 _MAX_HEAD = 1 << 14
 _HEAD_S = 10.0      # for the request of a client

@@ -22,8 +22,8 @@ from typing import Any
 
 from rosbags.typesys import get_typestore, Stores
 
-from lunar_rover_sim.closing import Closing
-from lunar_rover_sim.errors import ConfigError, with_extra
+from lunar_rover_sim.base.closing import Closing
+from lunar_rover_sim.base.errors import ConfigError, with_extra
 from lunar_rover_sim.run.child_process import dies_with_parent, end_group, signal_name
 from lunar_rover_sim.run.live_page import Extra, PageServer
 from lunar_rover_sim.run.ros_domain import ros_environment

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 import os
 
-from lunar_rover_sim.seconds import NS_PER_S
+from lunar_rover_sim.base.seconds import NS_PER_S
 
 # Longer than the lag of any participant: after this simulated time all have answered.
 STARTED_NS = NS_PER_S

@@ -4,27 +4,29 @@ from __future__ import annotations
 
 import dataclasses
 
-from lunar_rover_sim import frames, topics
-from lunar_rover_sim.camera.cameras import CameraEntry, chase_camera, hazard_camera, stereo_pair
-from lunar_rover_sim.camera.chase import ChaseConfig
-from lunar_rover_sim.camera.config import CameraConfig, CompressionConfig, FurtherCameraConfig
-from lunar_rover_sim.camera.hazard import HazardConfig
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.gait.config import GaitConfig
-from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.lidar.config import LidarConfig
-from lunar_rover_sim.named_sets import Named
-from lunar_rover_sim.navigation.config import (MapConfig, NavigatorConfig, POSES,
-                                               TraversabilityConfig, TRUTH)
-from lunar_rover_sim.parameters import group, named, param, Parameters
-from lunar_rover_sim.path_following.config import DriveConfig
-from lunar_rover_sim.physics.config import PhysicsConfig
-from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.autonomy.navigation.config import (MapConfig, NavigatorConfig, POSES,
+                                                        TraversabilityConfig, TRUTH)
+from lunar_rover_sim.autonomy.path_following.config import DriveConfig
+from lunar_rover_sim.base import frames, topics
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.named_sets import Named
+from lunar_rover_sim.base.parameters import group, named, param, Parameters
+from lunar_rover_sim.base.seconds import NS_PER_S
+from lunar_rover_sim.image.camera.cameras import (CameraEntry, chase_camera, hazard_camera,
+                                                  stereo_pair)
+from lunar_rover_sim.image.camera.chase import ChaseConfig
+from lunar_rover_sim.image.camera.config import (CameraConfig, CompressionConfig,
+                                                 FurtherCameraConfig)
+from lunar_rover_sim.image.camera.hazard import HazardConfig
+from lunar_rover_sim.image.illumination.config import SunConfig
+from lunar_rover_sim.image.lidar.config import LidarConfig
+from lunar_rover_sim.image.rendering.config import RenderConfig
+from lunar_rover_sim.image.stereo.config import SgmConfig
+from lunar_rover_sim.rover.gait.config import GaitConfig
+from lunar_rover_sim.rover.physics.config import PhysicsConfig
 from lunar_rover_sim.run.shared_config import MAX_DURATION_S, NodeConfig, WaitConfig
-from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.sensors.imu import ImuConfig
 from lunar_rover_sim.sensors.registry import SENSORS, SensorsConfig
-from lunar_rover_sim.stereo.config import SgmConfig
 
 ALL = 'all'
 

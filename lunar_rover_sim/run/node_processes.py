@@ -16,8 +16,8 @@ from types import TracebackType
 import psutil
 
 from lunar_rover_sim.bag.marker import mark_failed, why_incomplete
-from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.files.paths import BAG_FOLDER
+from lunar_rover_sim.base.errors import GraphError
+from lunar_rover_sim.base.files.paths import BAG_FOLDER
 from lunar_rover_sim.run import node_state
 from lunar_rover_sim.run.child_process import dies_with_parent, signal_name
 from lunar_rover_sim.run.ending import DONE, Ending, RECORDER, Step

@@ -14,13 +14,13 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import BAG_FOLDER, make_new_folder
-from lunar_rover_sim.gait.calibration import packaged_calibration
-from lunar_rover_sim.parameters import replaced
-from lunar_rover_sim.path_following.route import make_route
+from lunar_rover_sim.autonomy.path_following.route import make_route
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.paths import BAG_FOLDER, make_new_folder
+from lunar_rover_sim.base.parameters import replaced
+from lunar_rover_sim.rover.gait.calibration import packaged_calibration
 from lunar_rover_sim.rover.rover_file import save_rover
 from lunar_rover_sim.run.node_config import (DEPTH_TOPICS, FRAME_TOPICS, LEG_CONTROLLERS, LIDAR,
                                              LIDAR_TOPICS, NODE_CONFIGS)
@@ -233,7 +233,7 @@ def with_policy(scenario: Scenario, policy: str) -> Scenario:
         LearningError: The policy cannot be read, or is not for the rover of the scenario.
     """
     # It takes a second to import, which other runs need not wait for.
-    from lunar_rover_sim.learning.controller import PolicyController
+    from lunar_rover_sim.autonomy.learning.controller import PolicyController
     controller = PolicyController.load(policy, scenario.rover)
     nodes = tuple('policy_node' if name == 'gait_controller_node' else name
                   for name in scenario.run.nodes)

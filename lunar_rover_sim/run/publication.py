@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Collection
 import difflib
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.camera.hazard import sides
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.seconds import NS_PER_S
+from lunar_rover_sim.base.topics import Topic
+from lunar_rover_sim.image.camera.hazard import sides
 from lunar_rover_sim.run.node_config import ALL
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.seconds import NS_PER_S
-from lunar_rover_sim.topics import Topic
 
 # Of packages that may not be installed.
 MAY_BE_MISSING = (topics.TF, topics.TF_STATIC, *topics.OF_VISION)

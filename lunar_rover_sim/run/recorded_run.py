@@ -10,25 +10,25 @@ from pathlib import Path
 
 import numpy as np
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.ground_points import ground_at
 from lunar_rover_sim.bag.messages import transform_matrix
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedScenario
-from lunar_rover_sim.errors import BagError, ConfigError, nearest, WorldError
-from lunar_rover_sim.frames import (Array, BASE_FRAME, IMU_FRAME, LEFT_OPTICAL_FRAME, LIDAR_FRAME,
-                                    RIGHT_OPTICAL_FRAME)
-from lunar_rover_sim.parameters import merge
-from lunar_rover_sim.regolith.overlay import Overlay
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import BagError, ConfigError, nearest, WorldError
+from lunar_rover_sim.base.frames import (Array, BASE_FRAME, IMU_FRAME, LEFT_OPTICAL_FRAME,
+                                         LIDAR_FRAME, RIGHT_OPTICAL_FRAME)
+from lunar_rover_sim.base.parameters import merge
+from lunar_rover_sim.base.seconds import NS_PER_S
+from lunar_rover_sim.ground.regolith.overlay import Overlay
+from lunar_rover_sim.ground.world.cache import cache_folder
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import imu_pose, lidar_pose, optical_poses
 from lunar_rover_sim.run.node_config import MappingNodeConfig, PhysicsNodeConfig, RenderNodeConfig
 from lunar_rover_sim.run.plan import WORLD_LINK
 from lunar_rover_sim.run.scenario import SHARED
-from lunar_rover_sim.seconds import NS_PER_S
-from lunar_rover_sim.world.cache import cache_folder
-from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.world_folder import load_world
 
 FRAMES = {'base': BASE_FRAME, 'imu': IMU_FRAME, 'left': LEFT_OPTICAL_FRAME,
           'right': RIGHT_OPTICAL_FRAME, 'lidar': LIDAR_FRAME}

@@ -14,9 +14,9 @@ import shutil
 from typing import Any
 
 from lunar_rover_sim.bag.marker import why_incomplete
-from lunar_rover_sim.errors import BagError, ConfigError, GraphError
-from lunar_rover_sim.files.atomic import sync_folder
-from lunar_rover_sim.files.paths import BAG_FOLDER
+from lunar_rover_sim.base.errors import BagError, ConfigError, GraphError
+from lunar_rover_sim.base.files.atomic import sync_folder
+from lunar_rover_sim.base.files.paths import BAG_FOLDER
 from lunar_rover_sim.run.plan import resolve, SCENARIO_FILE
 from lunar_rover_sim.run.recording import record, Recording
 from lunar_rover_sim.run.scenario import Scenario

@@ -17,14 +17,19 @@ from pathlib import Path
 import re
 from typing import Any, TYPE_CHECKING
 
-from lunar_rover_sim.arguments import brief, check_path
-from lunar_rover_sim.errors import ConfigError, WorldError
-from lunar_rover_sim.files.paths import find_file, packaged_names, user_path
-from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml, yaml_of
-from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.illumination.sun_of_date import check_last_date, given_site, sun_of_date
-from lunar_rover_sim.lidar.beam_pattern import beam_pattern
-from lunar_rover_sim.parameters import merge, nearest, nest, param, Parameters
+from lunar_rover_sim.base.arguments import brief, check_path
+from lunar_rover_sim.base.errors import ConfigError, WorldError
+from lunar_rover_sim.base.files.paths import find_file, packaged_names, user_path
+from lunar_rover_sim.base.files.yaml_text import parse_yaml, read_yaml, yaml_of
+from lunar_rover_sim.base.parameters import merge, nearest, nest, param, Parameters
+from lunar_rover_sim.ground.world.cache import cached
+from lunar_rover_sim.ground.world.config import DEM, WorldConfig
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.site import reported_site, Site
+from lunar_rover_sim.ground.world.world_folder import load_world as load_world_folder
+from lunar_rover_sim.image.illumination.config import SunConfig
+from lunar_rover_sim.image.illumination.sun_of_date import check_last_date, given_site, sun_of_date
+from lunar_rover_sim.image.lidar.beam_pattern import beam_pattern
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import (DEFAULT_NODES, DriveNodeConfig, GaitNodeConfig,
@@ -34,18 +39,13 @@ from lunar_rover_sim.run.node_config import (DEFAULT_NODES, DriveNodeConfig, Gai
                                              RenderNodeConfig, SlamNodeConfig)
 from lunar_rover_sim.run.params_files import MAX_BYTES, ROS_KEY, section_names, SHARED
 from lunar_rover_sim.run.shared_config import LOCKSTEP, MAX_DURATION_S, NodeConfig
-from lunar_rover_sim.world.cache import cached
-from lunar_rover_sim.world.config import DEM, WorldConfig
-from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.site import reported_site, Site
-from lunar_rover_sim.world.world_folder import load_world as load_world_folder
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.gait.controller import GaitController
-    from lunar_rover_sim.lidar.lidar import Lidar
-    from lunar_rover_sim.physics.simulation import Simulation
-    from lunar_rover_sim.rendering.renderer import Renderer
-    from lunar_rover_sim.stereo.sgm import SgmMatcher
+    from lunar_rover_sim.image.lidar.lidar import Lidar
+    from lunar_rover_sim.image.rendering.renderer import Renderer
+    from lunar_rover_sim.image.stereo.sgm import SgmMatcher
+    from lunar_rover_sim.rover.gait.controller import GaitController
+    from lunar_rover_sim.rover.physics.simulation import Simulation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -204,7 +204,7 @@ class Scenario:
             ConfigError: If a parameter is not valid with the others.
             WorldError: If the world cannot be built or read.
         """
-        from lunar_rover_sim.physics.simulation import Simulation
+        from lunar_rover_sim.rover.physics.simulation import Simulation
         return Simulation(self._world(world), self.rover, self.physics_node)
 
     def gait_controller(self) -> GaitController:
@@ -213,8 +213,8 @@ class Scenario:
         Raises:
             ConfigError: If the gait does not fit the rover or its calibration cannot be read.
         """
-        from lunar_rover_sim.gait.calibration import GaitCalibration
-        from lunar_rover_sim.gait.controller import GaitController
+        from lunar_rover_sim.rover.gait.calibration import GaitCalibration
+        from lunar_rover_sim.rover.gait.controller import GaitController
         config = self.gait_controller_node.for_rover(self.rover)
         calibration = GaitCalibration.of(config, self.physics_node.ground.name, self.rover.name)
         return GaitController(config, calibration, self.rover.legs)
@@ -226,13 +226,13 @@ class Scenario:
             RenderError: If there is no OpenGL.
             WorldError: If the world cannot be built or read.
         """
-        from lunar_rover_sim.rendering.renderer import Renderer
+        from lunar_rover_sim.image.rendering.renderer import Renderer
         return Renderer(self._world(world), self.rover, self.render_node, self.shared.seed)
 
     def matcher(self) -> SgmMatcher:
         """Return the matcher of stereo pairs; its maps know the depth."""
-        from lunar_rover_sim.camera.rig import StereoRig
-        from lunar_rover_sim.stereo.sgm import SgmMatcher
+        from lunar_rover_sim.image.camera.rig import StereoRig
+        from lunar_rover_sim.image.stereo.sgm import SgmMatcher
         return SgmMatcher(self.render_node.sgm, StereoRig(self.rover, self.render_node.camera))
 
     def lidar(self, world: World | None = None) -> Lidar:
@@ -242,7 +242,7 @@ class Scenario:
             ConfigError: If the rover is before every beam.
             WorldError: If the world cannot be built or read.
         """
-        from lunar_rover_sim.lidar.lidar import Lidar
+        from lunar_rover_sim.image.lidar.lidar import Lidar
         config = dataclasses.replace(self.lidar_node,
                                      reflectance=self.render_node.reflectance)
         return Lidar(self._world(world), self.rover, config, self.shared.seed)
@@ -299,7 +299,7 @@ def _check_lidar_mount(scenario: Scenario) -> None:
     if 'lidar_node' not in scenario.run.nodes:
         return
     # Here, because MuJoCo takes time to import, and most runs have no LiDAR.
-    from lunar_rover_sim.lidar.own_body import OwnBody
+    from lunar_rover_sim.image.lidar.own_body import OwnBody
     sensor = scenario.lidar_node
     OwnBody(scenario.rover, beam_pattern(sensor.optics, sensor.rate_hz))
 
@@ -464,11 +464,11 @@ def _check_given(given: Site, world: WorldConfig, used: World | None) -> None:
 
 def _site_in_world(world: World, lon_lat_deg: tuple[float, float]) -> Site | None:
     # Here, because rasterio takes time to import, and most runs need none of it.
-    from lunar_rover_sim.world.map_projection import site_in_world
+    from lunar_rover_sim.ground.world.map_projection import site_in_world
     return site_in_world(world, *lon_lat_deg)
 
 
 def _dem_site(world: WorldConfig, lon_lat_deg: tuple[float, float] | None = None) -> Site | None:
     # Here, because what reads elevation models takes time to import, and most runs need none.
-    from lunar_rover_sim.world.dem import dem_site
+    from lunar_rover_sim.ground.world.dem import dem_site
     return dem_site(world, lon_lat_deg)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.parameters import param, Parameters
 
 LOCKSTEP, REAL_TIME = 'lockstep', 'real_time'
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
 
-from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.messages import header_ns, joint_order, pose_matrix
-from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.base import frames, topics
+from lunar_rover_sim.base.errors import GraphError
+from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.rover.mounts import fixed_frames, moving_frames
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.recorded_run import RecordedNodes

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TYPE_CHECKING
 
-from lunar_rover_sim import topics
+from lunar_rover_sim.base import topics
 from lunar_rover_sim.sensors.sensor import Content, JointValues, numbers, Platform, Sensor
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.physics.state import RoverState
+    from lunar_rover_sim.rover.physics.state import RoverState
 
 _FEET = Content('feet', 'slip or sinkage of the feet')
 
@@ -40,7 +40,7 @@ class FootSlip(_Feet):
 
     def restart(self) -> None:
         """Begin to count ways again."""
-        from lunar_rover_sim.physics.foot_motion import SlipMeter
+        from lunar_rover_sim.rover.physics.foot_motion import SlipMeter
         self._meter = SlipMeter(len(self.platform.rover.legs.each))
 
     def measure(self, state: RoverState, stamp_ns: int) -> Mapping[str, JointValues]:

@@ -22,11 +22,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import xyz
-from lunar_rover_sim.errors import ConfigError, PhysicsError
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError, PhysicsError
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.parameters import param, Parameters
 from lunar_rover_sim.sensors.sensor import Content, FROM_PRESET, numbers, over_preset, Sensor
 
 

@@ -17,14 +17,14 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.parameters import param, Parameters
 from lunar_rover_sim.rover.description import Motor
 from lunar_rover_sim.sensors.sensor import number, Platform, POWER, Sensor, Supply
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.physics.state import RoverState
+    from lunar_rover_sim.rover.physics.state import RoverState
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import dataclasses
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.parameters import group, param, Parameters
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.parameters import group, param, Parameters
+from lunar_rover_sim.base.topics import Topic
 from lunar_rover_sim.sensors.feet import FootSlip, Sinkage
 from lunar_rover_sim.sensors.imu import Imu, ImuConfig
 from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig, SupplyLines
@@ -17,7 +18,6 @@ from lunar_rover_sim.sensors.solar_panel import SolarPanel, SolarPanelConfig
 from lunar_rover_sim.sensors.star_tracker import StarTracker, StarTrackerConfig
 from lunar_rover_sim.sensors.sun_sensor import SunSensor, SunSensorConfig
 from lunar_rover_sim.sensors.wheel_odometry import LegEncoders, WheelOdometryConfig
-from lunar_rover_sim.topics import Topic
 
 # In the order in which they are published and listed.
 SENSORS: tuple[type[Sensor], ...] = (

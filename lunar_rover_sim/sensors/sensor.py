@@ -15,18 +15,18 @@ from typing import Any, ClassVar, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.parameters import Parameters
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.parameters import Parameters
+from lunar_rover_sim.base.seconds import NS_PER_S
+from lunar_rover_sim.base.topics import of_legs, Topic
+from lunar_rover_sim.image.illumination.config import SunConfig
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.seconds import NS_PER_S
-from lunar_rover_sim.topics import of_legs, Topic
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.physics.simulation import Simulation
-    from lunar_rover_sim.physics.state import RoverState
+    from lunar_rover_sim.ground.world.model import World
+    from lunar_rover_sim.rover.physics.simulation import Simulation
+    from lunar_rover_sim.rover.physics.state import RoverState
     from lunar_rover_sim.sensors.sun_from_rover import SunFromRover
-    from lunar_rover_sim.world.model import World
 
 FROM_PRESET = -1.0      # of a parameter whose value a preset gives
 

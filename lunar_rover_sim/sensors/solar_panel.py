@@ -8,16 +8,16 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.illumination.sun_view import SeenSun
-from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.parameters import param, Parameters
+from lunar_rover_sim.image.illumination.sun_view import SeenSun
 from lunar_rover_sim.sensors.power_monitor import supply_values
 from lunar_rover_sim.sensors.sensor import POWER, Sensor, Supply
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.physics.state import RoverState
+    from lunar_rover_sim.rover.physics.state import RoverState
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,15 +8,15 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import wxyz
-from lunar_rover_sim.frames import Array, wxyz_from_rpy
-from lunar_rover_sim.illumination.sun_view import SeenSun
-from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.frames import Array, wxyz_from_rpy
+from lunar_rover_sim.base.parameters import param, Parameters
+from lunar_rover_sim.image.illumination.sun_view import SeenSun
 from lunar_rover_sim.sensors.sensor import Attitude, HEADING, numbers, Platform, Sensor
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.physics.state import RoverState
+    from lunar_rover_sim.rover.physics.state import RoverState
 
 _ARCSEC = np.pi / 180.0 / 3600.0
 _SMALL_DIGITS = 20      # of variances

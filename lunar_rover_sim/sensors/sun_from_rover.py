@@ -8,14 +8,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.illumination.sun_of_date import earth_of_date, sun_of_date, SunPath
-from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
-from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.physics.state import RoverState
-from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.site import reported_site
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.site import reported_site
+from lunar_rover_sim.image.illumination.config import SunConfig
+from lunar_rover_sim.image.illumination.sun_of_date import earth_of_date, sun_of_date, SunPath
+from lunar_rover_sim.image.illumination.sun_view import SeenSun, SunView
+from lunar_rover_sim.rover.physics.simulation import Simulation
+from lunar_rover_sim.rover.physics.state import RoverState
 
 
 class SunFromRover:

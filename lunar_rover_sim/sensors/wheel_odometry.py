@@ -33,17 +33,17 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import pose_matrix, xyz
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.frames import Array
-from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.parameters import param, Parameters
 from lunar_rover_sim.rover.description import Legs, RoverDescription
 from lunar_rover_sim.sensors.sensor import (FROM_PRESET, HEADING, numbers, over_preset, Platform,
                                             Sensor)
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.physics.state import RoverState
+    from lunar_rover_sim.rover.physics.state import RoverState
 
 
 @dataclasses.dataclass(frozen=True)

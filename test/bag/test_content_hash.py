@@ -7,9 +7,9 @@ import psutil
 import pytest
 import synthetic_bag as synthetic
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import bag_hash, is_skipped, topic_hashes
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.base import topics
 from lunar_rover_sim.cli.main import main
 
 

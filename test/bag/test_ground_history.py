@@ -6,14 +6,14 @@ import synthetic_bag as synthetic
 from synthetic_ground import ground_items
 import trimesh
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.ground_points import changes_of, ground_at, POINT
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.errors import BagError, WorldError
-from lunar_rover_sim.regolith.overlay import Overlay
-from lunar_rover_sim.regolith.patch import changed_patch, save_patch
-from lunar_rover_sim.world.export import write as write_mesh
-from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import BagError, WorldError
+from lunar_rover_sim.ground.regolith.overlay import Overlay
+from lunar_rover_sim.ground.regolith.patch import changed_patch, save_patch
+from lunar_rover_sim.ground.world.export import write as write_mesh
+from lunar_rover_sim.ground.world.grid import HeightGrid
 
 
 @pytest.fixture

@@ -12,16 +12,16 @@ import pytest
 import synthetic_bag as synthetic
 import yaml
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.checksums import damage, has_end
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.bag.writer import BagWriter
-from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.inspection.check import check
-from lunar_rover_sim.inspection.report import Status
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import BagError
+from lunar_rover_sim.products.inspection.check import check
+from lunar_rover_sim.products.inspection.report import Status
 
 
 @pytest.fixture(scope='module')

@@ -11,7 +11,7 @@ from rosbags.typesys import get_typestore, Stores
 from lunar_rover_sim.bag import message_validity as validity
 from lunar_rover_sim.bag.message_validity import laser_scan_problem, lidar_cloud_problem
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.seconds import in_seconds
+from lunar_rover_sim.base.seconds import in_seconds
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 T = STORE.types

@@ -8,7 +8,7 @@ from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionF
 from lunar_rover_sim.bag.reader import open_bag, typestore_of
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedScenario
 from lunar_rover_sim.bag.writer import BagWriter
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.base.errors import BagError
 
 TEXT = """
 /**: {ros__parameters: {seed: 7, use_sim_time: true, shared: {rate_hz: 5}}}

@@ -6,17 +6,17 @@ import pytest
 import synthetic_bag as synthetic
 import yaml
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag import marker, totals
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.totals import recorded_factor, RecordingPace, simulated_end_ns
 from lunar_rover_sim.bag.writer import BagWriter
+from lunar_rover_sim.base import topics
 from lunar_rover_sim.campaign.statistics import statistics
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.inspection.check import check
-from lunar_rover_sim.inspection.film import pace_caption
-from lunar_rover_sim.inspection.report import Status
-from lunar_rover_sim.inspection.summary import summarise
+from lunar_rover_sim.products.inspection.check import check
+from lunar_rover_sim.products.inspection.film import pace_caption
+from lunar_rover_sim.products.inspection.report import Status
+from lunar_rover_sim.products.inspection.summary import summarise
 
 
 class Wall:

@@ -18,13 +18,13 @@ import synthetic_bag as synthetic
 from waiting import LIMIT_S
 import yaml
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.content_hash import bag_hash
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.bag.writer import BagWriter, COMPRESSIONS
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import BagError
 
 CHUNK = 1 << 20
 TOPICS = (topics.SUN, topics.SCENARIO, topics.ODOM, topics.IMU_RAW, topics.TF, topics.LEFT_IMAGE,
@@ -34,7 +34,7 @@ TOPICS = (topics.SUN, topics.SCENARIO, topics.ODOM, topics.IMU_RAW, topics.TF, t
 RECORDER = """
     import os, pickle, resource, signal, sys
     from lunar_rover_sim.bag.writer import BagWriter
-    from lunar_rover_sim.errors import BagError
+    from lunar_rover_sim.base.errors import BagError
     if {limit}:
         resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

@@ -10,7 +10,7 @@ from lunar_rover_sim.bag.messages import header_ns, pose_matrix
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.series import CameraCalibration, read_imu, read_odometry
 from lunar_rover_sim.bag.totals import driven_distance_m, every_step
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.base.errors import BagError
 
 
 @pytest.fixture(scope='module')

@@ -8,12 +8,12 @@ from rosbags.rosbag2 import Reader
 import synthetic_bag as synthetic
 import yaml
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos, qos_of_text
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.writer import BagWriter, COMPRESSIONS
-from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import BagError, ConfigError
 from lunar_rover_sim.run.node_config import RecorderConfig
 
 VARIANTS = [(storage, compression) for storage in synthetic.WRITERS

@@ -27,11 +27,11 @@ import psutil
 import rclpy
 from std_msgs.msg import Header
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import time_ns
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.ground.world.cache import cached
 from lunar_rover_sim.run.ros_domain import OwnDomain
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.world.cache import cached
 
 CLI = [sys.executable, '-m', 'lunar_rover_sim.cli.main']
 FIRST_FRAME_NS = 100_000_000

@@ -22,12 +22,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from brightness import DIRECTIONS_DEG, views  # noqa: E402
 from resolution import finer_camera  # noqa: E402
 
-from lunar_rover_sim.frames import Array  # noqa: E402
-from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK, rover_links  # noqa: E402
-from lunar_rover_sim.rendering.renderer import Renderer  # noqa: E402
+from lunar_rover_sim.base.frames import Array  # noqa: E402
+from lunar_rover_sim.ground.world.model import World  # noqa: E402
+from lunar_rover_sim.image.rendering.labels import LABEL_FIRST_ROCK, rover_links  # noqa: E402
+from lunar_rover_sim.image.rendering.renderer import Renderer  # noqa: E402
 from lunar_rover_sim.rover.pose import RoverPose  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
-from lunar_rover_sim.world.model import World  # noqa: E402
 
 _MOST = 300.0           # radiance that only the sun's disc exceeds [W m-2 sr-1]
 _BORDER = 3             # rows at top and bottom that are left out

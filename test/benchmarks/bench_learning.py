@@ -13,10 +13,10 @@ import time
 import gymnasium
 import numpy as np
 
-from lunar_rover_sim.learning.controller import PolicyController
-from lunar_rover_sim.learning.policy_file import Policy
-from lunar_rover_sim.learning.senses import Sample
-from lunar_rover_sim.learning.tasks import make_task
+from lunar_rover_sim.autonomy.learning.controller import PolicyController
+from lunar_rover_sim.autonomy.learning.policy_file import Policy
+from lunar_rover_sim.autonomy.learning.senses import Sample
+from lunar_rover_sim.autonomy.learning.tasks import make_task
 from lunar_rover_sim.rover.rover_file import load_rover
 
 COUNTS, GROUNDS, ROUNDS = (1, 16, 64), ('rigid', 'highland'), 2
@@ -33,7 +33,8 @@ def main() -> None:
         decide(args.policy)
         return
     cases = {(ground, count): gymnasium.make_vec(
-        f'lunar_rover_sim.learning:lunar_rover_sim/{args.task}-v0', num_envs=count, ground=ground)
+        f'lunar_rover_sim.autonomy.learning:lunar_rover_sim/{args.task}-v0', num_envs=count,
+        ground=ground)
         for ground in GROUNDS for count in COUNTS}
     for envs in cases.values():
         envs.reset(seed=1)

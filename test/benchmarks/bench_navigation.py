@@ -26,13 +26,13 @@ from peer import at_rest_odometry, Peer, running  # noqa: E402
 from sensor_msgs.msg import Image  # noqa: E402
 
 from lunar_rover_sim import Scenario  # noqa: E402
-from lunar_rover_sim.evaluation.map_evaluation import TrueSurface  # noqa: E402
-from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3, wxyz_from_rpy  # noqa: E402
-from lunar_rover_sim.navigation.elevation_map import ElevationMap  # noqa: E402
-from lunar_rover_sim.navigation.planner import Planner  # noqa: E402
-from lunar_rover_sim.navigation.traversability import Limits, traversability  # noqa: E402
+from lunar_rover_sim.autonomy.navigation.elevation_map import ElevationMap  # noqa: E402
+from lunar_rover_sim.autonomy.navigation.planner import Planner  # noqa: E402
+from lunar_rover_sim.autonomy.navigation.traversability import Limits, traversability  # noqa: E402
+from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, se3, wxyz_from_rpy  # noqa: E402
+from lunar_rover_sim.image.stereo.seen_depth import SeenDepth  # noqa: E402
+from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
-from lunar_rover_sim.stereo.seen_depth import SeenDepth  # noqa: E402
 
 IMAGES, FIRST = 80, 20      # images, and those that do not count
 PERIOD_NS = 200_000_000

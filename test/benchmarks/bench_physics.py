@@ -21,10 +21,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from physics_scene import make_world, rough_heights, simulate  # noqa: E402
 
-from lunar_rover_sim.physics.simulation import Simulation  # noqa: E402
+from lunar_rover_sim.ground.world.build import build_world  # noqa: E402
+from lunar_rover_sim.ground.world.config import WorldConfig  # noqa: E402
+from lunar_rover_sim.rover.physics.simulation import Simulation  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
-from lunar_rover_sim.world.build import build_world  # noqa: E402
-from lunar_rover_sim.world.config import WorldConfig  # noqa: E402
 
 STEPS = 1000
 ROUNDS = 15

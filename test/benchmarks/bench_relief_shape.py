@@ -29,16 +29,16 @@ import numpy as np
 from scipy import stats
 
 from lunar_rover_sim import evaluate, Trajectory
+from lunar_rover_sim.image.stereo.depth import disparity_from_depth
+from lunar_rover_sim.image.stereo.error import stereo_errors, StereoErrors
+from lunar_rover_sim.judge.slam.program import Tracker
+from lunar_rover_sim.judge.slam.protocol import FrameSet, TRACKING
+from lunar_rover_sim.products.sequences.sensors import described_sensors
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.sequences.sensors import described_sensors
-from lunar_rover_sim.slam.program import Tracker
-from lunar_rover_sim.slam.protocol import FrameSet, TRACKING
-from lunar_rover_sim.stereo.depth import disparity_from_depth
-from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
 
 DURATION_S, STATE_HZ, FRAME_HZ, JUDGED = 5.0, 200, 20, 10
 NEAR_M = 2.0            # up to here all of the relief has shape
-REFERENCE = f'{sys.executable} -m lunar_rover_sim.slam.client'
+REFERENCE = f'{sys.executable} -m lunar_rover_sim.judge.slam.client'
 MEASURES = {
     'bad_1': 'SGM to 2 m: bad-1 [%]', 'density': 'SGM to 2 m: density on lit ground [%]',
     'median_px': 'SGM to 2 m: median signed error [px]', 'all_bad_1': 'SGM: bad-1 [%]',

@@ -29,17 +29,17 @@ import time
 
 import numpy as np
 
-from lunar_rover_sim.camera.config import CameraConfig
-from lunar_rover_sim.frames import wxyz_from_matrix
-from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.rendering.config import RenderConfig
-from lunar_rover_sim.rendering.renderer import Renderer
-from lunar_rover_sim.rendering.snapshot import standing
+from lunar_rover_sim.base.frames import wxyz_from_matrix
+from lunar_rover_sim.ground.world.build import build_world
+from lunar_rover_sim.ground.world.config import RockConfig, WorldConfig
+from lunar_rover_sim.image.camera.config import CameraConfig
+from lunar_rover_sim.image.illumination.config import SunConfig
+from lunar_rover_sim.image.rendering.config import RenderConfig
+from lunar_rover_sim.image.rendering.renderer import Renderer
+from lunar_rover_sim.image.rendering.snapshot import standing
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.world.build import build_world
-from lunar_rover_sim.world.config import RockConfig, WorldConfig
 
 
 def poses(world, count):
@@ -192,7 +192,7 @@ def timed(renderer, spent):
     with contextlib.ExitStack() as restored:
         for name, functions in PASSES.items():
             for module, owner, function in functions:
-                room = '' if '.' in module else 'rendering.'
+                room = '' if '.' in module else 'image.rendering.'
                 place = importlib.import_module(f'lunar_rover_sim.{room}{module}')
                 place = getattr(place, owner) if owner else place
                 before = getattr(place, function)

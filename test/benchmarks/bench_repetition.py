@@ -26,7 +26,7 @@ from scipy import stats
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from repetition import features, inliers  # noqa: E402
 
-from lunar_rover_sim.rendering.snapshot import settle, standing  # noqa: E402
+from lunar_rover_sim.image.rendering.snapshot import settle, standing  # noqa: E402
 from lunar_rover_sim.rover.pose import RoverPose  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 

@@ -25,12 +25,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from brightness import DIRECTIONS_DEG  # noqa: E402
 
-from lunar_rover_sim.camera.config import FurtherCameraConfig  # noqa: E402
-from lunar_rover_sim.camera.mount import BodyMount  # noqa: E402
-from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy  # noqa: E402
-from lunar_rover_sim.rendering.frame import StereoFrame  # noqa: E402
-from lunar_rover_sim.rendering.renderer import FurtherCamera  # noqa: E402
-from lunar_rover_sim.rendering.snapshot import standing  # noqa: E402
+from lunar_rover_sim.base.frames import matrix_from_wxyz, se3, wxyz_from_rpy  # noqa: E402
+from lunar_rover_sim.image.camera.config import FurtherCameraConfig  # noqa: E402
+from lunar_rover_sim.image.camera.mount import BodyMount  # noqa: E402
+from lunar_rover_sim.image.rendering.frame import StereoFrame  # noqa: E402
+from lunar_rover_sim.image.rendering.renderer import FurtherCamera  # noqa: E402
+from lunar_rover_sim.image.rendering.snapshot import standing  # noqa: E402
 from lunar_rover_sim.rover.pose import RoverPose  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 

@@ -19,11 +19,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from brightness import DIRECTIONS_DEG  # noqa: E402
 
-from lunar_rover_sim.rendering.snapshot import settle, standing  # noqa: E402
+from lunar_rover_sim.image.rendering.snapshot import settle, standing  # noqa: E402
+from lunar_rover_sim.image.stereo.depth import disparity_from_depth  # noqa: E402
+from lunar_rover_sim.image.stereo.error import stereo_errors  # noqa: E402
 from lunar_rover_sim.rover.pose import RoverPose  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
-from lunar_rover_sim.stereo.depth import disparity_from_depth  # noqa: E402
-from lunar_rover_sim.stereo.error import stereo_errors  # noqa: E402
 
 _PLACES_M = (1.5, -1.0), (-2.0, 2.5)
 

@@ -19,9 +19,9 @@ import time
 
 import numpy as np
 
-from lunar_rover_sim.evaluation.statistics import Median
-from lunar_rover_sim.rendering.frame import FLOWS, RIGHT_TRUTH
-from lunar_rover_sim.rendering.snapshot import standing
+from lunar_rover_sim.image.rendering.frame import FLOWS, RIGHT_TRUTH
+from lunar_rover_sim.image.rendering.snapshot import standing
+from lunar_rover_sim.judge.evaluation.statistics import Median
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
 

@@ -30,8 +30,8 @@ def sources(folder: pathlib.Path) -> None:
     import numpy as np
     import trimesh
 
-    from lunar_rover_sim.world import export
-    from lunar_rover_sim.world.grid import HeightGrid
+    from lunar_rover_sim.ground.world import export
+    from lunar_rover_sim.ground.world.grid import HeightGrid
     axis = np.arange(2000) * 5.0
     heights = 20.0 * np.sin(axis / 200.0) * np.cos(axis[:, None] / 150.0)
     (folder / 'dem').mkdir()
@@ -44,9 +44,9 @@ def sources(folder: pathlib.Path) -> None:
 
 def measure(name: str, folder: pathlib.Path) -> None:
     """Build one case and print one line."""
-    from lunar_rover_sim.world import world_folder
-    from lunar_rover_sim.world.build import build_world
-    from lunar_rover_sim.world.config import WorldConfig
+    from lunar_rover_sim.ground.world import world_folder
+    from lunar_rover_sim.ground.world.build import build_world
+    from lunar_rover_sim.ground.world.config import WorldConfig
     mapping = {**CASES, **LARGE}[name]
     if 'source' in mapping:
         mapping = {**mapping, 'path': str(folder / {'dem': 'dem', 'mesh': 'mesh.ply'}[name])}

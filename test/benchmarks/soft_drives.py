@@ -32,15 +32,15 @@ import time
 import numpy as np
 import psutil
 
-from lunar_rover_sim.errors import PhysicsError
-from lunar_rover_sim.gait.calibration import GaitCalibration
-from lunar_rover_sim.gait.config import GaitConfig
-from lunar_rover_sim.gait.controller import GaitController
-from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
-from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.regolith.config import GroundConfig, REGOLITH
-from lunar_rover_sim.regolith.overlay import Overlay
+from lunar_rover_sim.base.errors import PhysicsError
+from lunar_rover_sim.ground.regolith.config import GroundConfig, REGOLITH
+from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.gait.calibration import GaitCalibration
+from lunar_rover_sim.rover.gait.config import GaitConfig
+from lunar_rover_sim.rover.gait.controller import GaitController
+from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.rover.physics.simulation import Simulation
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from physics_scene import make_world  # noqa: E402

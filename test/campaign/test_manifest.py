@@ -11,6 +11,7 @@ import pytest
 import synthetic_bag
 
 from lunar_rover_sim.bag.content_hash import bag_hash
+from lunar_rover_sim.base.errors import CampaignError
 from lunar_rover_sim.campaign.campaign_file import parse_campaign
 from lunar_rover_sim.campaign.card import write_card
 from lunar_rover_sim.campaign.dataset import Dataset
@@ -22,7 +23,6 @@ from lunar_rover_sim.campaign.manifest import (file_table, MANIFEST, read_json, 
 from lunar_rover_sim.campaign.statistics import MEANINGS, statistics
 from lunar_rover_sim.campaign.verification import verify
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.errors import CampaignError
 
 CAMPAIGN = parse_campaign('episodes: 3\nsettings: {run.duration_s: 1.0}',
                           Path('/nowhere/test.yaml'))

@@ -9,7 +9,8 @@ import tarfile
 import pytest
 import synthetic_bag
 
-from lunar_rover_sim import topics
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import CampaignError, ConfigError
 from lunar_rover_sim.campaign.campaign_file import parse_campaign
 from lunar_rover_sim.campaign.dataset import Dataset
 from lunar_rover_sim.campaign.episode import EpisodeTask, make_episode, Outcome
@@ -19,9 +20,8 @@ from lunar_rover_sim.campaign.manifest import MANIFEST, write_json
 from lunar_rover_sim.campaign.schedulers import run_local
 from lunar_rover_sim.campaign.sharding import Episode, split_worlds
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.errors import CampaignError, ConfigError
-from lunar_rover_sim.sequences.export import export
-from lunar_rover_sim.sequences.webdataset import ShardOptions
+from lunar_rover_sim.products.sequences.export import export
+from lunar_rover_sim.products.sequences.webdataset import ShardOptions
 
 # Episode → base and world. Two drives share a world.
 EPISODE_WORLDS = {'0000': ('a', 'w0'), '0001': ('a', 'w1'), '0002': ('a', 'w0'),

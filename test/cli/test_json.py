@@ -15,10 +15,10 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.campaign.campaign_file import parse_campaign
 from lunar_rover_sim.campaign.dataset import Dataset
 from lunar_rover_sim.cli.main import main, parser
-from lunar_rover_sim.evaluation.trajectory_files import write_tum
-from lunar_rover_sim.evaluation.trajectory_sources import trajectory_of_topic
-from lunar_rover_sim.inspection.report import Status
-from lunar_rover_sim.world.world_folder import save_world
+from lunar_rover_sim.ground.world.world_folder import save_world
+from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum
+from lunar_rover_sim.judge.evaluation.trajectory_sources import trajectory_of_topic
+from lunar_rover_sim.products.inspection.report import Status
 
 # Command → its words, and what its result holds.
 COMMANDS = {

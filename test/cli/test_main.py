@@ -229,12 +229,12 @@ def test_warnings_of_libraries_are_not_shown() -> None:
             'from lunar_rover_sim.cli.main import configure_logging\n'
             'configure_logging(verbose=sys.argv[1] == "-v")\n'
             'logging.getLogger("rasterio._env").warning("CPLE_AppDefined")\n'
-            'logging.getLogger("lunar_rover_sim.world").warning("a hole is filled")\n'
+            'logging.getLogger("lunar_rover_sim.ground.world").warning("a hole is filled")\n'
             'class Callback:\n'
             '    def __del__(self):\n'
             '        raise ValueError("not UTF-8")\n'
             'Callback()\n')
     shown = {option: subprocess.run([sys.executable, '-c', code, option], capture_output=True,
                                     text=True).stderr for option in ('', '-v')}
-    assert shown[''] == 'WARNING lunar_rover_sim.world: a hole is filled\n'
+    assert shown[''] == 'WARNING lunar_rover_sim.ground.world: a hole is filled\n'
     assert 'CPLE_AppDefined' in shown['-v'] and 'not UTF-8' in shown['-v']

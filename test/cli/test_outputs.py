@@ -7,9 +7,9 @@ import time
 
 import pytest
 
+from lunar_rover_sim.base.errors import StudyError
+from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.cli.main import main, parser
-from lunar_rover_sim.errors import StudyError
-from lunar_rover_sim.files.atomic import atomic_write
 
 # What each command needs besides its output.
 WORDS = {

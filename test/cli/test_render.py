@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 import worlds
 
-from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
+from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.cli import world as cli_world
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.rendering import snapshot
-from lunar_rover_sim.rendering.config import RenderConfig
-from lunar_rover_sim.rendering.renderer import Renderer
-from lunar_rover_sim.rendering.snapshot import four_views, settle, standing
+from lunar_rover_sim.ground.world import world_folder
+from lunar_rover_sim.image.camera.config import CameraConfig, SensorConfig
+from lunar_rover_sim.image.rendering import snapshot
+from lunar_rover_sim.image.rendering.config import RenderConfig
+from lunar_rover_sim.image.rendering.renderer import Renderer
+from lunar_rover_sim.image.rendering.snapshot import four_views, settle, standing
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
-from lunar_rover_sim.world import world_folder
 
 LAYERS = ('left.png', 'right.png', 'preview.png', 'depth_m.npy', 'normal.npy', 'label.npy',
           'radiance.npy', 'disparity_px.npy')

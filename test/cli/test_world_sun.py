@@ -7,7 +7,7 @@ import pytest
 import worlds
 
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.world.world_folder import save_world
+from lunar_rover_sim.ground.world.world_folder import save_world
 
 TIME = ['--from', '2024-06-15T00:00:00Z', '--to', '2024-06-16T00:00:00Z']
 

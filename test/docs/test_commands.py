@@ -9,8 +9,8 @@ import re
 import pytest
 from snippets import commands, ROOT, snippets
 
+from lunar_rover_sim.base.files.paths import packaged_names
 from lunar_rover_sim.cli.main import parse
-from lunar_rover_sim.files.paths import packaged_names
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.companion_config import COMPANION_CONFIGS
 from lunar_rover_sim.run.node_config import NODE_CONFIGS
@@ -75,7 +75,7 @@ def check_launch(words: list[str]) -> None:
     if (ROOT / 'config' / 'launch_examples' / file).is_file():
         assert not settings
         return
-    tree = ast.parse((ROOT / package / 'launch' / file).read_text(encoding='utf-8'))
+    tree = ast.parse((ROOT / package / 'nodes' / 'launch' / file).read_text(encoding='utf-8'))
     declared = next(ast.literal_eval(node.value) for node in tree.body
                     if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
                     and node.targets[0].id == '_ARGUMENTS')

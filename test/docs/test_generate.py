@@ -1,48 +1,20 @@
-"""What writes the generated parts of the documentation: pictures and tables."""
+"""What writes the generated parts of the documentation: tables."""
 
 from __future__ import annotations
 
-import re
 from types import ModuleType
 
 import pytest
 from snippets import module_of, ROOT
 
+from lunar_rover_sim.base.topics import CONTRACT
 from lunar_rover_sim.run.node_config import NODE_CONFIGS, RenderNodeConfig
-from lunar_rover_sim.topics import CONTRACT
-
-pytest.importorskip('grimp')
 
 
 def script(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """Import a script of docs/."""
     monkeypatch.syspath_prepend(str(ROOT / 'docs'))
     return module_of(ROOT / 'docs' / f'{name}.py')
-
-
-def test_reduction_and_floors(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An arrow that a chain implies is left out; a floor is the longest way down."""
-    rooms = script('rooms', monkeypatch)
-    arrows: dict[str, set[str]] = {'a': {'b', 'c', 'd'}, 'b': {'c'}, 'c': set(), 'd': set()}
-    assert rooms.reduced(arrows) == {'a': {'b', 'd'}, 'b': {'c'}, 'c': set(), 'd': set()}
-    rows = rooms.floors(arrows)
-    assert rows == [['c', 'd'], ['b'], ['a']]
-    bent, steps = rooms.with_bends(rows, rooms.reduced(arrows))
-    assert steps['a'] == {'b', 'a>d@1'}
-    assert steps['a>d@1'] == {'d'}
-    assert bent == [['c', 'd'], ['b', 'a>d@1'], ['a']]
-
-
-def test_every_room_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The rooms that are found are those of the contract; the lowest imports nothing."""
-    rooms = script('rooms', monkeypatch)
-    found = rooms.imports()
-    assert set(found) == set(rooms.contract())
-    assert found['errors'] == set()
-    picture = rooms.svg()
-    assert all(f'>{room}</text>' in picture for room in found)
-    table = rooms.table()
-    assert all(re.search(rf'^\| `{room}` \| \w.+\. \|$', table, re.M) for room in found)
 
 
 def test_tables_are_complete(monkeypatch: pytest.MonkeyPatch) -> None:

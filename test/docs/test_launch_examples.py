@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from snippets import ROOT
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.slam.live import WRAPPERS
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.judge.slam.live import WRAPPERS
 
 EXAMPLES = sorted((ROOT / 'config' / 'launch_examples').glob('*.launch.py'))
 KINDS = {topic.name: topic.type.rpartition('/')[2] for topic in topics.CONTRACT}
@@ -49,5 +49,6 @@ def test_example(path: Path) -> None:
     if 'ARGUMENTS' in values:
         assert values['ARGUMENTS']['wrapper'] in WRAPPERS
         assert values['ARGUMENTS']['sensor'] in WRAPPERS[values['ARGUMENTS']['wrapper']]
-        text = (ROOT / 'lunar_rover_sim' / 'launch' / 'slam.launch.py').read_text('utf-8')
+        path = ROOT / 'lunar_rover_sim/nodes/launch/slam.launch.py'
+        text = path.read_text('utf-8')
         assert all(f"'{name}':" in text for name in values['ARGUMENTS'])

@@ -12,11 +12,11 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag import ground_points
-from lunar_rover_sim.files.paths import packaged_names
-from lunar_rover_sim.lidar.scan import POINT
-from lunar_rover_sim.named_sets import NAME
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.files.paths import packaged_names
+from lunar_rover_sim.base.named_sets import NAME
+from lunar_rover_sim.image.lidar.scan import POINT
 from lunar_rover_sim.rover.rover_file import load_rover
 
 CONFIG = Path(__file__).parents[2] / 'config'

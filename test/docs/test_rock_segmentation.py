@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from snippets import module_of
 
-from lunar_rover_sim.files.images import png_bytes
-from lunar_rover_sim.sequences.shards import npy_bytes, ShardWriter
+from lunar_rover_sim.base.files.images import png_bytes
+from lunar_rover_sim.products.sequences.shards import npy_bytes, ShardWriter
 
 DOCS = Path(__file__).resolve().parents[2] / 'docs'
 

@@ -15,7 +15,7 @@ from snippets import module_of
 import synthetic_bag
 
 from lunar_rover_sim import open_bag, Scenario
-from lunar_rover_sim.sequences.export import export
+from lunar_rover_sim.products.sequences.export import export
 
 FOLDER = Path(__file__).parents[2] / 'examples'
 TESTED = {'step_and_draw', 'record_and_read', 'frames_as_numpy', 'own_scenario', 'own_controller',

@@ -6,16 +6,16 @@ import random
 
 from claims import claim, one_line
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import topic_hashes
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.bag.series import picture, read_calibration, read_imu, read_odometry
-from lunar_rover_sim.errors import LunarRoverSimError
-from lunar_rover_sim.evaluation.trajectory_sources import load
-from lunar_rover_sim.inspection.check import check
-from lunar_rover_sim.inspection.report import Status
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import LunarRoverSimError
+from lunar_rover_sim.judge.evaluation.trajectory_sources import load
+from lunar_rover_sim.products.inspection.check import check
+from lunar_rover_sim.products.inspection.report import Status
 
 
 @functools.lru_cache(maxsize=8)

@@ -15,7 +15,7 @@ import traceback
 from claims import Contradiction, one_line
 from readers import COMMANDS, Reader, READERS
 
-from lunar_rover_sim.errors import LunarRoverSimError
+from lunar_rover_sim.base.errors import LunarRoverSimError
 
 LIMIT_S = 5.0          # of processor time; the wall clock belongs to all users of the machine
 HANG_S = 120.0         # of wall time: a case that waits for something is killed after it

@@ -3,8 +3,8 @@
 import math
 from typing import Any
 
-from lunar_rover_sim.errors import LunarRoverSimError
-from lunar_rover_sim.parameters import Parameters, ParamInfo
+from lunar_rover_sim.base.errors import LunarRoverSimError
+from lunar_rover_sim.base.parameters import Parameters, ParamInfo
 
 
 class Contradiction(AssertionError):

@@ -20,31 +20,31 @@ import numpy as np
 import samples
 from world_readers import read_dem, read_marked, read_mesh, read_world
 
+from lunar_rover_sim.base.files.yaml_text import read_text
+from lunar_rover_sim.base.parameters import Parameters
 from lunar_rover_sim.campaign.campaign_file import parse_campaign
 from lunar_rover_sim.campaign.card import write_card
 from lunar_rover_sim.campaign.episode_plans import draw, episode
 from lunar_rover_sim.campaign.layout import EPISODES
 from lunar_rover_sim.campaign.manifest import why_unfinished
 from lunar_rover_sim.campaign.page import write_page
-from lunar_rover_sim.evaluation.image_comparison import compare_images
-from lunar_rover_sim.evaluation.image_layouts import open_images
-from lunar_rover_sim.evaluation.trajectory_files import read_kitti, read_trajectory
-from lunar_rover_sim.files.yaml_text import read_text
-from lunar_rover_sim.gait.calibration import GaitCalibration
-from lunar_rover_sim.gait.config import GaitConfig
-from lunar_rover_sim.parameters import Parameters
-from lunar_rover_sim.physics.config import PhysicsConfig
-from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.ground.world.build import build_world
+from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.judge.evaluation.image_comparison import compare_images
+from lunar_rover_sim.judge.evaluation.image_layouts import open_images
+from lunar_rover_sim.judge.evaluation.trajectory_files import read_kitti, read_trajectory
+from lunar_rover_sim.judge.slam import euroc_reader
+from lunar_rover_sim.judge.slam.table import read_paper
+from lunar_rover_sim.judge.studies.locomotion import read_curve
+from lunar_rover_sim.rover.gait.calibration import GaitCalibration
+from lunar_rover_sim.rover.gait.config import GaitConfig
+from lunar_rover_sim.rover.physics.config import PhysicsConfig
+from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.rover.visual import visual_parts
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.slam import euroc_reader
-from lunar_rover_sim.slam.table import read_paper
-from lunar_rover_sim.studies.locomotion import read_curve
-from lunar_rover_sim.world.build import build_world
-from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.world.model import World
 
 
 @dataclasses.dataclass(frozen=True)

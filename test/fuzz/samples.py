@@ -5,25 +5,25 @@ from pathlib import Path
 import shutil
 
 import cv2
-from evaluation.wandering import files_of_others
+from judge.evaluation.wandering import files_of_others
 import numpy as np
 import rasterio
 import synthetic_bag
 import trimesh
 import yaml
 
+from lunar_rover_sim.base.files.images import write_png
+from lunar_rover_sim.base.files.paths import config_path
 from lunar_rover_sim.campaign import layout
 from lunar_rover_sim.campaign.campaign_file import load_campaign
 from lunar_rover_sim.campaign.manifest import file_table, FORMAT, MANIFEST
-from lunar_rover_sim.evaluation.trajectory import Trajectory
-from lunar_rover_sim.evaluation.trajectory_files import write_tum
-from lunar_rover_sim.files.images import write_png
-from lunar_rover_sim.files.paths import config_path
+from lunar_rover_sim.ground.world.build import build_world
+from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.world_folder import save_world
+from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
+from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum
+from lunar_rover_sim.products.sequences.export import export
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.sequences.export import export
-from lunar_rover_sim.world.build import build_world
-from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.world.world_folder import save_world
 
 # The ground that elevation models and meshes must cover.
 WINDOW_M, CELL_M = 3.2, 0.1

@@ -9,10 +9,10 @@ from claims import claim
 import numpy as np
 import samples
 
-from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.world.dem import open_dem
-from lunar_rover_sim.world.mesh import MeshSource
-from lunar_rover_sim.world.world_folder import content_hash, load_world
+from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.dem import open_dem
+from lunar_rover_sim.ground.world.mesh import MeshSource
+from lunar_rover_sim.ground.world.world_folder import content_hash, load_world
 
 
 def _config(**source: Any) -> WorldConfig:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lunar_rover_sim import frames
-from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.base import frames
+from lunar_rover_sim.rover.physics.state import RoverState
 
 
 @pytest.fixture()

@@ -16,15 +16,15 @@ from rosbags.typesys.store import Typestore  # noqa: E402
 from sensor_msgs.msg import Imu, JointState  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 
-from lunar_rover_sim import frames, topics  # noqa: E402
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
-from lunar_rover_sim.errors import GraphError  # noqa: E402
+from lunar_rover_sim.base import frames, topics  # noqa: E402
+from lunar_rover_sim.base.errors import GraphError  # noqa: E402
+from lunar_rover_sim.image.rendering.instances import instances  # noqa: E402
+from lunar_rover_sim.image.rendering.labels import class_names, LABEL_FIRST_ROCK  # noqa: E402
 from lunar_rover_sim.nodes import conversions, image_conversions  # noqa: E402
 from lunar_rover_sim.nodes.message_types import definition_of  # noqa: E402
-from lunar_rover_sim.physics.state import RoverState  # noqa: E402
-from lunar_rover_sim.rendering.instances import instances  # noqa: E402
-from lunar_rover_sim.rendering.labels import class_names, LABEL_FIRST_ROCK  # noqa: E402
 from lunar_rover_sim.rover.description import Legs, RoverDescription  # noqa: E402
+from lunar_rover_sim.rover.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.sensors.imu import ImuSample  # noqa: E402
 from lunar_rover_sim.sensors.registry import OdometryConfig  # noqa: E402
 from lunar_rover_sim.sensors.wheel_odometry import Rolling, WheelOdometry  # noqa: E402

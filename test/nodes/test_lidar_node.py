@@ -16,11 +16,11 @@ from sensor_msgs.msg import PointCloud2  # noqa: E402
 
 from lunar_rover_sim.bag.messages import header_ns, pose_matrix  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
-from lunar_rover_sim.errors import GraphError  # noqa: E402
-from lunar_rover_sim.inspection.check import check  # noqa: E402
-from lunar_rover_sim.lidar.motion import ScanMotion  # noqa: E402
-from lunar_rover_sim.lidar.scan import POINT  # noqa: E402
+from lunar_rover_sim.base.errors import GraphError  # noqa: E402
+from lunar_rover_sim.image.lidar.motion import ScanMotion  # noqa: E402
+from lunar_rover_sim.image.lidar.scan import POINT  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
+from lunar_rover_sim.products.inspection.check import check  # noqa: E402
 from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
 from lunar_rover_sim.run.plan import NodePlan, SCENARIO_FILE  # noqa: E402
 from lunar_rover_sim.run.recording import record  # noqa: E402

@@ -12,13 +12,13 @@ from physics_scene import make_world, simulate, trot
 import pytest
 from waiting import LIMIT_S, wait_until
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import pose_matrix
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.frames import sun_direction
-from lunar_rover_sim.illumination.sun_of_date import SunPath
-from lunar_rover_sim.inspection.check import check
-from lunar_rover_sim.regolith.config import GroundConfig
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.frames import sun_direction
+from lunar_rover_sim.ground.regolith.config import GroundConfig
+from lunar_rover_sim.image.illumination.sun_of_date import SunPath
+from lunar_rover_sim.products.inspection.check import check
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.recording import record

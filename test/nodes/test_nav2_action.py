@@ -10,8 +10,8 @@ pytest.importorskip('rclpy')
 from rclpy import action, callback_groups, task  # noqa: E402  (needs rclpy)
 from waiting import wait_until  # noqa: E402
 
-from lunar_rover_sim.navigation.navigator import (ARRIVED, FAILED, FOLLOWING,  # noqa: E402
-                                                  NavigatorCommand)
+from lunar_rover_sim.autonomy.navigation.navigator import (ARRIVED, FAILED,  # noqa: E402
+                                                           FOLLOWING, NavigatorCommand)
 from lunar_rover_sim.nodes.nav2_action import NavigateToPoseServer  # noqa: E402
 
 REFUSED = 'too far'

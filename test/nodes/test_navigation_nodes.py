@@ -14,7 +14,7 @@ from nav_msgs.msg import OccupancyGrid, Odometry  # noqa: E402
 from peer import at_rest_odometry, running  # noqa: E402
 from sensor_msgs.msg import PointCloud2  # noqa: E402
 
-from lunar_rover_sim.frames import inverse, se3  # noqa: E402
+from lunar_rover_sim.base.frames import inverse, se3  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 from lunar_rover_sim.nodes.map_conversions import traversability_of  # noqa: E402
 from lunar_rover_sim.rover.mounts import lidar_pose  # noqa: E402

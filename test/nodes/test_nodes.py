@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
-from lunar_rover_sim.errors import LunarRoverSimError  # noqa: E402
+from lunar_rover_sim.base.errors import LunarRoverSimError  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 from lunar_rover_sim.nodes.physics_node import PhysicsNode  # noqa: E402
 from lunar_rover_sim.nodes.recorder_node import RecorderNode  # noqa: E402

@@ -30,8 +30,8 @@ from std_msgs.msg import Header  # noqa: E402
 
 from lunar_rover_sim.bag.messages import header_ns  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
-from lunar_rover_sim.errors import GraphError  # noqa: E402
-from lunar_rover_sim.files.paths import config_folder  # noqa: E402
+from lunar_rover_sim.base.errors import GraphError  # noqa: E402
+from lunar_rover_sim.base.files.paths import config_folder  # noqa: E402
 from lunar_rover_sim.nodes import lockstep_listener  # noqa: E402
 from lunar_rover_sim.nodes.gait_controller_node import GaitControllerNode  # noqa: E402
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery  # noqa: E402

@@ -15,12 +15,12 @@ pytest.importorskip('onnx')
 from peer import LEGS  # noqa: E402
 from sensor_msgs.msg import Imu, JointState  # noqa: E402
 
+from lunar_rover_sim.autonomy.learning.controller import PolicyController  # noqa: E402
+from lunar_rover_sim.autonomy.learning.policy_file import save_policy  # noqa: E402
+from lunar_rover_sim.autonomy.learning.senses import Sample  # noqa: E402
+from lunar_rover_sim.autonomy.learning.tasks import make_task  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
-from lunar_rover_sim.errors import LearningError  # noqa: E402
-from lunar_rover_sim.learning.controller import PolicyController  # noqa: E402
-from lunar_rover_sim.learning.policy_file import save_policy  # noqa: E402
-from lunar_rover_sim.learning.senses import Sample  # noqa: E402
-from lunar_rover_sim.learning.tasks import make_task  # noqa: E402
+from lunar_rover_sim.base.errors import LearningError  # noqa: E402
 from lunar_rover_sim.nodes.policy_node import PolicyNode  # noqa: E402
 from lunar_rover_sim.rover.rover_file import load_rover  # noqa: E402
 from lunar_rover_sim.run.plan import with_policy  # noqa: E402

@@ -20,8 +20,8 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 
 from lunar_rover_sim.bag.messages import header_ns, time_ns  # noqa: E402
-from lunar_rover_sim.errors import ConfigError  # noqa: E402
-from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy  # noqa: E402
+from lunar_rover_sim.base.errors import ConfigError  # noqa: E402
+from lunar_rover_sim.base.frames import matrix_from_wxyz, se3, wxyz_from_rpy  # noqa: E402
 from lunar_rover_sim.nodes.pose_bridge_node import EntityStates  # noqa: E402
 from lunar_rover_sim.nodes.pose_stream import (BridgedState, FAILED, LossLog,  # noqa: E402
                                                OVERTAKEN, PoseStream, UNANSWERED)

@@ -13,7 +13,7 @@ from peer import at_rest_odometry  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import Imu  # noqa: E402
 
-from lunar_rover_sim.navigation.config import SLAM  # noqa: E402
+from lunar_rover_sim.autonomy.navigation.config import SLAM  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 from lunar_rover_sim.nodes.pose_source import PoseSource  # noqa: E402
 from lunar_rover_sim.rover.rover_file import load_rover  # noqa: E402

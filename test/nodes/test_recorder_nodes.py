@@ -26,11 +26,11 @@ from sensor_msgs.msg import CompressedImage, Imu, JointState  # noqa: E402
 from waiting import wait_until  # noqa: E402
 
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
-from lunar_rover_sim.evaluation.trajectory_files import read_tum  # noqa: E402
-from lunar_rover_sim.files.paths import find_file  # noqa: E402
-from lunar_rover_sim.inspection.check import check  # noqa: E402
+from lunar_rover_sim.base.files.paths import find_file  # noqa: E402
+from lunar_rover_sim.judge.evaluation.trajectory_files import read_tum  # noqa: E402
 from lunar_rover_sim.nodes.drive_node import DriveNode  # noqa: E402
 from lunar_rover_sim.nodes.reader_discovery import UNKNOWN_NAME  # noqa: E402
+from lunar_rover_sim.products.inspection.check import check  # noqa: E402
 from lunar_rover_sim.run.plan import prepare, resolve, rover_overrides, SCENARIO_FILE  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 

@@ -24,7 +24,7 @@ from stereo_msgs.msg import DisparityImage  # noqa: E402
 from waiting import wait_until  # noqa: E402
 
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
-from lunar_rover_sim.errors import GraphError  # noqa: E402
+from lunar_rover_sim.base.errors import GraphError  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 
 HAZARDS = [argument for name, value in (
@@ -202,7 +202,7 @@ def test_a_render_node_from_its_first_pose_to_another_world(peer: Peer,
     another world, the node ends and says so.
     """
 
-    from lunar_rover_sim import topics
+    from lunar_rover_sim.base import topics
     from lunar_rover_sim.nodes import qos
     images = peer.listen(Image, 'stereo/left/image_raw')
     poses = peer.node.create_publisher(Odometry, 'odom', 10)

@@ -14,12 +14,12 @@ pytest.importorskip('rclpy')
 from geometry_msgs.msg import Vector3Stamped  # noqa: E402
 from sensor_msgs.msg import BatteryState, Imu  # noqa: E402
 
-from lunar_rover_sim import frames, topics  # noqa: E402
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
+from lunar_rover_sim.base import frames, topics  # noqa: E402
 from lunar_rover_sim.nodes.requested_sensors import RequestedSensors  # noqa: E402
-from lunar_rover_sim.physics.simulation import Simulation  # noqa: E402
-from lunar_rover_sim.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.rover.description import Legs, RoverDescription  # noqa: E402
+from lunar_rover_sim.rover.physics.simulation import Simulation  # noqa: E402
+from lunar_rover_sim.rover.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig  # noqa: E402
 from lunar_rover_sim.sensors.registry import mounted  # noqa: E402
 from lunar_rover_sim.sensors.sensor import Platform  # noqa: E402

@@ -19,7 +19,7 @@ pytest.importorskip('rclpy')
 from peer import Peer, PLAIN_DETAIL, SMALL_CAMERA  # noqa: E402  (needs rclpy)
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
-from lunar_rover_sim.errors import GraphError  # noqa: E402
+from lunar_rover_sim.base.errors import GraphError  # noqa: E402
 from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
 from lunar_rover_sim.run.plan import NodePlan  # noqa: E402
 from lunar_rover_sim.run.ros_domain import check_domain  # noqa: E402

@@ -19,7 +19,7 @@ from peer import Peer, running  # noqa: E402
 from physics_scene import simulate  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 
-from lunar_rover_sim.errors import PhysicsError  # noqa: E402
+from lunar_rover_sim.base.errors import PhysicsError  # noqa: E402
 from lunar_rover_sim.nodes.simulation_services import SimulationServices  # noqa: E402
 
 OK, UNSUPPORTED, NOT_FOUND, INCORRECT, FAILED = 1, 0, 2, 3, 4

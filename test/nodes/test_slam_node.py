@@ -23,9 +23,9 @@ from sensor_msgs.msg import Image, Imu  # noqa: E402
 
 from lunar_rover_sim.bag.messages import header_ns  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
-from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate  # noqa: E402
-from lunar_rover_sim.evaluation.trajectory_sources import load  # noqa: E402
-from lunar_rover_sim.inspection.check import check  # noqa: E402
+from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate  # noqa: E402
+from lunar_rover_sim.judge.evaluation.trajectory_sources import load  # noqa: E402
+from lunar_rover_sim.products.inspection.check import check  # noqa: E402
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -37,7 +37,7 @@ PERIOD_NS = 5_000_000   # of the IMU
 PROGRAM = """
 import json, pathlib, sys, time
 import numpy as np
-from lunar_rover_sim.slam.client import serve
+from lunar_rover_sim.judge.slam.client import serve
 folder = pathlib.Path(sys.argv[1])
 count = 0
 
@@ -190,8 +190,8 @@ def test_another_gravity_than_orb_slam3_has_is_warned_of(
 
 @pytest.mark.skipif(TFMessage is not None, reason='tf2_msgs is installed')
 def test_tf_needs_tf2_msgs() -> None:
-    said = fails('slam_node', '-p', f'command:={sys.executable} -m lunar_rover_sim.slam.client',
-                 '-p', 'publish_tf:=true')
+    command = f'{sys.executable} -m lunar_rover_sim.judge.slam.client'
+    said = fails('slam_node', '-p', f'command:={command}', '-p', 'publish_tf:=true')
     assert 'publish_tf: true needs tf2_msgs, which is not installed' in said
 
 
@@ -220,7 +220,7 @@ os.abort()
 
 def test_in_lockstep_every_frame_is_tracked(tmp_path: Path, world_folder: Path) -> None:
     """The built-in odometry answers all frames, in their order, and knows where it is."""
-    command = shlex.join([sys.executable, '-m', 'lunar_rover_sim.slam.client'])
+    command = shlex.join([sys.executable, '-m', 'lunar_rover_sim.judge.slam.client'])
     finished = simulate(tmp_path / 'run', '--duration', '0.5', '--slam', command, *RECORDED,
                         '--set', 'render_node.frame_rate_hz=20')
     assert finished.returncode == 0, finished.stdout + finished.stderr

@@ -17,12 +17,12 @@ from rosbags.typesys import get_typestore, Stores  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import Imu, JointState  # noqa: E402
 
-from lunar_rover_sim import frames, topics  # noqa: E402
 from lunar_rover_sim.bag.messages import header_ns, transform_matrix  # noqa: E402
+from lunar_rover_sim.base import frames, topics  # noqa: E402
 from lunar_rover_sim.nodes import conversions, state_publisher  # noqa: E402
-from lunar_rover_sim.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.rover.description import Legs, RoverDescription  # noqa: E402
 from lunar_rover_sim.rover.mounts import imu_pose  # noqa: E402
+from lunar_rover_sim.rover.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.rover.urdf import urdf  # noqa: E402
 from lunar_rover_sim.rover.visual import link_poses  # noqa: E402
 from lunar_rover_sim.run.node_config import MappingNodeConfig  # noqa: E402

@@ -34,7 +34,7 @@ def test_view_node_serves_what_is_watched(peer: Peer) -> None:
     from std_msgs.msg import String
     from view_client import client, free_port
 
-    from lunar_rover_sim import topics
+    from lunar_rover_sim.base import topics
     latched_description(peer)
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
     port = free_port()

@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 
-from lunar_rover_sim.world import shapes
-from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.world.craters import Craters
-from lunar_rover_sim.world.grid import HeightGrid
-from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.rocks import Rocks
+from lunar_rover_sim.ground.world import shapes
+from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.craters import Craters
+from lunar_rover_sim.ground.world.grid import HeightGrid
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.rocks import Rocks
 
 
 def hills(n: int, cell_m: float, height_m: float = 0.1, steepness: float = 0.0) -> HeightGrid:

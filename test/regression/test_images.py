@@ -7,25 +7,25 @@ from regression.conftest import DOUBLE, SINGLE
 from regression.scenes import hilly_levels, stereo_pair, stony_world, waves
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.camera import distortion, miscalibration
-from lunar_rover_sim.camera.config import CameraConfig, LensConfig, SensorConfig
-from lunar_rover_sim.camera.exposure import AutoExposure, first_exposure_s
-from lunar_rover_sim.camera.fisheye import FisheyeCamera
-from lunar_rover_sim.camera.hazard import HazardCameraConfig
-from lunar_rover_sim.camera.lens import Glare, Lens
-from lunar_rover_sim.camera.rig import StereoRig
-from lunar_rover_sim.camera.sensor import SensorModel
-from lunar_rover_sim.evaluation import statistics
-from lunar_rover_sim.evaluation.image_statistics import GreyPair, image_statistics, MEASURES
-from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
-from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
-from lunar_rover_sim.illumination.config import LampConfig, ReflectanceConfig, SunConfig
+from lunar_rover_sim.ground.world import far_albedo, far_rocks, fine_relief
+from lunar_rover_sim.image.camera import distortion, miscalibration
+from lunar_rover_sim.image.camera.config import CameraConfig, LensConfig, SensorConfig
+from lunar_rover_sim.image.camera.exposure import AutoExposure, first_exposure_s
+from lunar_rover_sim.image.camera.fisheye import FisheyeCamera
+from lunar_rover_sim.image.camera.hazard import HazardCameraConfig
+from lunar_rover_sim.image.camera.lens import Glare, Lens
+from lunar_rover_sim.image.camera.rig import StereoRig
+from lunar_rover_sim.image.camera.sensor import SensorModel
+from lunar_rover_sim.image.illumination.config import LampConfig, ReflectanceConfig, SunConfig
+from lunar_rover_sim.image.stereo.config import SgmConfig
+from lunar_rover_sim.image.stereo.error import stereo_errors
+from lunar_rover_sim.image.stereo.refinement import refined
+from lunar_rover_sim.image.stereo.sgm import SgmMatcher
+from lunar_rover_sim.judge.evaluation import statistics
+from lunar_rover_sim.judge.evaluation.image_statistics import GreyPair, image_statistics, MEASURES
+from lunar_rover_sim.judge.evaluation.trajectory import Trajectory, wxyz
+from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.stereo.config import SgmConfig
-from lunar_rover_sim.stereo.error import stereo_errors
-from lunar_rover_sim.stereo.refinement import refined
-from lunar_rover_sim.stereo.sgm import SgmMatcher
-from lunar_rover_sim.world import far_albedo, far_rocks, fine_relief
 
 Unchanged = Callable[..., None]
 # OpenCV interpolates between 32 places in a pixel; versions round to them differently.

@@ -6,18 +6,18 @@ import numpy as np
 from regression.conftest import DOUBLE, SINGLE
 from regression.scenes import hills, hilly_levels, stones, stony_world
 
-from lunar_rover_sim.frames import matrix_from_wxyz, sun_direction, wxyz_from_rpy
-from lunar_rover_sim.illumination import hapke, rock_shadow
-from lunar_rover_sim.illumination.config import ReflectanceConfig, SunConfig
-from lunar_rover_sim.illumination.horizon import shadow_levels, ShadowLevel, SunGeometry
-from lunar_rover_sim.illumination.sky import sky
-from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
-from lunar_rover_sim.illumination.sunlight import Sunlight
+from lunar_rover_sim.base.frames import matrix_from_wxyz, sun_direction, wxyz_from_rpy
+from lunar_rover_sim.ground.world import shapes
+from lunar_rover_sim.ground.world.site import Site
+from lunar_rover_sim.image.illumination import hapke, rock_shadow
+from lunar_rover_sim.image.illumination.config import ReflectanceConfig, SunConfig
+from lunar_rover_sim.image.illumination.horizon import shadow_levels, ShadowLevel, SunGeometry
+from lunar_rover_sim.image.illumination.sky import sky
+from lunar_rover_sim.image.illumination.sun_view import SeenSun, SunView
+from lunar_rover_sim.image.illumination.sunlight import Sunlight
 from lunar_rover_sim.sensors.solar_panel import solar_power_w, SolarPanelConfig
 from lunar_rover_sim.sensors.star_tracker import StarCamera, StarTrackerConfig
 from lunar_rover_sim.sensors.sun_sensor import SunHeads, SunSensorConfig
-from lunar_rover_sim.world import shapes
-from lunar_rover_sim.world.site import Site
 
 Unchanged = Callable[..., None]
 # Low and grazing, along axes and diagonals, and high.

@@ -9,19 +9,19 @@ from physics_scene import trot
 from regression.conftest import DOUBLE
 from regression.scenes import hills, stones
 
-from lunar_rover_sim.gait.calibration import GaitCalibration, STAND, Stride
-from lunar_rover_sim.gait.config import GaitConfig, GAITS
-from lunar_rover_sim.gait.controller import GaitController, LegPhases
-from lunar_rover_sim.gait.shaping import ShapingFunction
-from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
-from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.ground.world import shapes
+from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.rover.description import ImuMount, Legs, RoverDescription
+from lunar_rover_sim.rover.gait.calibration import GaitCalibration, STAND, Stride
+from lunar_rover_sim.rover.gait.config import GaitConfig, GAITS
+from lunar_rover_sim.rover.gait.controller import GaitController, LegPhases
+from lunar_rover_sim.rover.gait.shaping import ShapingFunction
+from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise, noise_parameters, PRESETS
 from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig, PowerMonitors
 from lunar_rover_sim.sensors.wheel_odometry import Rolling, WheelOdometry, WheelOdometryConfig
-from lunar_rover_sim.world import shapes
-from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.world.model import World
 
 Unchanged = Callable[..., None]
 # Contacts on rigid ground do not let rounding grow: 1e-15 m are 1e-14 m after seconds.

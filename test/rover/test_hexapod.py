@@ -9,16 +9,18 @@ import mujoco
 import numpy as np
 import pytest
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.camera.chase import ChaseCameraConfig, ChaseConfig, ChaseMount
-from lunar_rover_sim.camera.config import CameraConfig
-from lunar_rover_sim.gait.config import GaitConfig
-from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.rendering.config import RenderConfig
-from lunar_rover_sim.rendering.labels import class_names, LABEL_ROVER, link_label, rover_links
-from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.image.camera.chase import ChaseCameraConfig, ChaseConfig, ChaseMount
+from lunar_rover_sim.image.camera.config import CameraConfig
+from lunar_rover_sim.image.illumination.config import SunConfig
+from lunar_rover_sim.image.rendering.config import RenderConfig
+from lunar_rover_sim.image.rendering.labels import (class_names, LABEL_ROVER, link_label,
+                                                    rover_links)
+from lunar_rover_sim.image.rendering.renderer import Renderer
+from lunar_rover_sim.judge.studies.walking import flat_world, STATE_PERIOD_S, Walk, walk
+from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.mjcf import rover_spec
+from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
@@ -26,7 +28,6 @@ from lunar_rover_sim.rover.visual import link_poses, visual_parts
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sensors.wheel_odometry import (Rolling, RollingFeet, WheelOdometry,
                                                     WheelOdometryConfig)
-from lunar_rover_sim.studies.walking import flat_world, STATE_PERIOD_S, Walk, walk
 
 ROVER = load_rover('hexapod')
 LEGS = ROVER.legs.names
@@ -173,7 +174,7 @@ def test_its_stage_has_six_motors(tmp_path: Path) -> None:
     pytest.importorskip('pxr')
     from pxr import Usd, UsdPhysics
 
-    from lunar_rover_sim.usd.rover_stage import write_rover
+    from lunar_rover_sim.products.usd.rover_stage import write_rover
     stage = Usd.Stage.Open(str(write_rover(ROVER, tmp_path / 'hexapod.usda')))
     model = rover_spec(ROVER).compile()
     masses = [UsdPhysics.MassAPI(stage.GetPrimAtPath(f'/Rover/{name}')).GetMassAttr().Get()

@@ -8,9 +8,9 @@ import pytest
 import trimesh
 import yaml
 
-from lunar_rover_sim import frames
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.paths import config_path
+from lunar_rover_sim.base import frames
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.paths import config_path
 from lunar_rover_sim.rover.description import (Chassis, ImuMount, Legs, LidarMount, rectangle,
                                                RoverDescription, StereoMount)
 from lunar_rover_sim.rover.mjcf import IMU_SITE, rover_spec, tip_geom

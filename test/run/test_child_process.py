@@ -11,7 +11,7 @@ import psutil
 import pytest
 from waiting import LIMIT_S, wait_until
 
-from lunar_rover_sim.errors import ProcessError
+from lunar_rover_sim.base.errors import ProcessError
 from lunar_rover_sim.run import node_state
 from lunar_rover_sim.run.child_process import dies_with_parent, executable, run_program
 from lunar_rover_sim.run.node_processes import NodeLogs

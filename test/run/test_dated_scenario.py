@@ -11,18 +11,18 @@ from rasterio.transform import from_origin
 import synthetic_bag as synthetic
 import worlds
 
-from lunar_rover_sim import topics
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError, WorldError
+from lunar_rover_sim.base.parameters import merge
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.errors import ConfigError, WorldError
-from lunar_rover_sim.parameters import merge
+from lunar_rover_sim.ground.world.build import build_world
+from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.map_projection import site_in_world
+from lunar_rover_sim.ground.world.site import reported_site
+from lunar_rover_sim.ground.world.world_folder import load_world, save_world
 from lunar_rover_sim.run import recording
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.world.build import build_world
-from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.world.map_projection import site_in_world
-from lunar_rover_sim.world.site import reported_site
-from lunar_rover_sim.world.world_folder import load_world, save_world
 
 DATE = 'render_node.sun.date=2026-11-22T00:00:00Z'
 GIVEN = ['render_node.sun.site.source=given', 'render_node.sun.site.lat_deg=-89.9']

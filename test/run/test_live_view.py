@@ -17,9 +17,9 @@ from waiting import LIMIT_S, wait_until
 pytest.importorskip('foxglove')
 from view_client import client, free_port  # noqa: E402  (needs the extra)
 
-from lunar_rover_sim.camera.encoding import ENCODINGS  # noqa: E402
+from lunar_rover_sim.base.errors import ConfigError, GraphError  # noqa: E402
 from lunar_rover_sim.cli.main import main  # noqa: E402
-from lunar_rover_sim.errors import ConfigError, GraphError  # noqa: E402
+from lunar_rover_sim.image.camera.encoding import ENCODINGS  # noqa: E402
 from lunar_rover_sim.run.live_view import check_view, LiveView, ViewProcess  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 

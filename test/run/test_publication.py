@@ -2,7 +2,7 @@
 
 import pytest
 
-from lunar_rover_sim import topics
+from lunar_rover_sim.base import topics
 from lunar_rover_sim.run.lockstep import StampGate, WrittenStamps
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.publication import (is_recorded, misspelt_exclusions, period_ns,

@@ -6,11 +6,11 @@ from conftest import PLAIN, simulate, SMALL, TINY
 import numpy as np
 import pytest
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.messages import header_ns, xyz
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.evaluation.map_evaluation import evaluate_maps
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.judge.evaluation.map_evaluation import evaluate_maps
 from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.run.scenario import Scenario
 

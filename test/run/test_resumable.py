@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import synthetic_bag
 
-from lunar_rover_sim.errors import BagError, GraphError
+from lunar_rover_sim.base.errors import BagError, GraphError
 from lunar_rover_sim.run.recording import missing_frames, Recording
 from lunar_rover_sim.run.resumable import record_once, why_incomplete_recording
 from lunar_rover_sim.run.scenario import Scenario

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from waiting import LIMIT_S, wait_until
 
-from lunar_rover_sim.errors import ConfigError, GraphError
+from lunar_rover_sim.base.errors import ConfigError, GraphError
 from lunar_rover_sim.run.node_processes import NodeLogs
 from lunar_rover_sim.run.ros_domain import check_domain, ClockReader, OwnDomain, ros_environment
 

@@ -15,9 +15,9 @@ from lunar_rover_sim.bag.content_hash import bag_hash
 from lunar_rover_sim.bag.marker import why_incomplete
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recovery import recover
+from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.inspection.check import check
+from lunar_rover_sim.products.inspection.check import check
 from lunar_rover_sim.run.node_processes import NodeProcesses
 from lunar_rover_sim.run.plan import NodePlan, resolve
 from lunar_rover_sim.run.recording import Limits

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import yaml
 
-from lunar_rover_sim.errors import ConfigError, WorldError
-from lunar_rover_sim.gait.calibration import (differences, GaitCalibration, ground_conditions,
-                                              rover_conditions)
+from lunar_rover_sim.base.errors import ConfigError, WorldError
+from lunar_rover_sim.rover.gait.calibration import (differences, GaitCalibration,
+                                                    ground_conditions, rover_conditions)
 from lunar_rover_sim.run.lockstep import StampGate, WrittenStamps
 from lunar_rover_sim.run.params_files import arguments_of_program
 from lunar_rover_sim.run.plan import check_launch_arguments, resolve

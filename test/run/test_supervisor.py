@@ -10,7 +10,7 @@ import time
 import pytest
 
 from lunar_rover_sim.bag.marker import mark, why_incomplete
-from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.base.errors import GraphError
 from lunar_rover_sim.run import node_processes
 from lunar_rover_sim.run.ending import DONE, Ending, Step
 from lunar_rover_sim.run.node_processes import is_at_work, NodeProcesses

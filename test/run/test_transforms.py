@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import synthetic_bag as synthetic
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import pose_matrix, transform_matrix
+from lunar_rover_sim.base import topics
 from lunar_rover_sim.run.transforms import OdometryTransforms, transforms_of
 
 

@@ -14,8 +14,8 @@ pytest.importorskip('foxglove')
 from rosbags.typesys import get_typestore, Stores  # noqa: E402
 from view_client import client, free_port  # noqa: E402  (needs the extra)
 
-from lunar_rover_sim import topics  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
+from lunar_rover_sim.base import topics  # noqa: E402
 from lunar_rover_sim.cli.main import main  # noqa: E402
 
 pytestmark = pytest.mark.ros

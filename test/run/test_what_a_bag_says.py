@@ -9,11 +9,11 @@ import synthetic_bag as synthetic
 import worlds
 
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.errors import BagError, ConfigError, WorldError
+from lunar_rover_sim.base.errors import BagError, ConfigError, WorldError
+from lunar_rover_sim.ground.world.build import build_world
+from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.world_folder import save_world
 from lunar_rover_sim.run.recorded_run import RecordedRun
-from lunar_rover_sim.world.build import build_world
-from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.world.world_folder import save_world
 
 
 @pytest.fixture(scope='module')
@@ -27,7 +27,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def bag(tmp_path: Path, world: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Give a bag on that world, which is nowhere near."""
     monkeypatch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path / 'cache'))
-    from lunar_rover_sim.world.world_folder import load_world
+    from lunar_rover_sim.ground.world.world_folder import load_world
     items = [item for item in synthetic.drive(0.1) if 'image' not in item.topic]
     for item in items:
         if item.topic == 'world_hash':

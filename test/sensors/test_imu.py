@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from lunar_rover_sim.base.errors import ConfigError, StudyError
 from lunar_rover_sim.cli.main import execute
-from lunar_rover_sim.errors import ConfigError, StudyError
+from lunar_rover_sim.judge.studies.imu import AllanCurve, fit_noise, NoiseFit, overlapping_allan
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise, noise_parameters, PRESETS
 from lunar_rover_sim.sensors.sensor import number
-from lunar_rover_sim.studies.imu import AllanCurve, fit_noise, NoiseFit, overlapping_allan
 
 RATE_HZ = 200.0
 REST = np.array([0.0, 0.0, 1.62])

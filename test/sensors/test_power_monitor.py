@@ -5,12 +5,12 @@ from physics_scene import ROVER, step_world, sun_seen
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.frames import sun_direction
-from lunar_rover_sim.illumination.sun_view import SeenSun
-from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
-from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.frames import sun_direction
+from lunar_rover_sim.image.illumination.sun_view import SeenSun
 from lunar_rover_sim.rover.description import Motor
+from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig, PowerMonitors
 from lunar_rover_sim.sensors.solar_panel import solar_power_w, SolarPanelConfig

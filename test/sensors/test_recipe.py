@@ -14,7 +14,7 @@ import tarfile
 import numpy as np
 import pytest
 
-from lunar_rover_sim import topics
+from lunar_rover_sim.base import topics
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig
 from lunar_rover_sim.sensors.registry import card_contents, sensor_of, SENSORS, SensorsConfig

@@ -7,13 +7,14 @@ from physics_scene import make_world, ROVER, STATE_S, step_world, sun_seen
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.frames import sun_direction
-from lunar_rover_sim.illumination.config import SunConfig, SunSiteConfig
-from lunar_rover_sim.illumination.sun_of_date import earth_of_date
-from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
-from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
-from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.frames import sun_direction
+from lunar_rover_sim.ground.world.grid import HeightGrid
+from lunar_rover_sim.image.illumination.config import SunConfig, SunSiteConfig
+from lunar_rover_sim.image.illumination.sun_of_date import earth_of_date
+from lunar_rover_sim.image.illumination.sun_view import SeenSun, SunView
+from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig
 from lunar_rover_sim.sensors.registry import mounted, SensorsConfig
@@ -21,7 +22,6 @@ from lunar_rover_sim.sensors.sensor import Platform
 from lunar_rover_sim.sensors.solar_panel import SolarPanelConfig
 from lunar_rover_sim.sensors.star_tracker import StarCamera, StarTrackerConfig
 from lunar_rover_sim.sensors.sun_sensor import SunHeads, SunSensorConfig
-from lunar_rover_sim.world.grid import HeightGrid
 
 EVERYTHING_CLEAR = (lambda point, rays: np.ones(len(rays), bool))
 ALL = SunSensorConfig()

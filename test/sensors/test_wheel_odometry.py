@@ -8,20 +8,20 @@ from physics_scene import make_world, simulate, trot
 import pytest
 import worlds
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.errors import ConfigError, StudyError
-from lunar_rover_sim.gait.controller import GaitController
-from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.physics.config import PhysicsConfig
-from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.regolith.config import GroundConfig
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError, StudyError
+from lunar_rover_sim.ground.regolith.config import GroundConfig
+from lunar_rover_sim.image.illumination.config import SunConfig
+from lunar_rover_sim.judge.studies.odometry import judge
+from lunar_rover_sim.judge.studies.walking import walk
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.gait.controller import GaitController
+from lunar_rover_sim.rover.physics.config import PhysicsConfig
+from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.sensors.feet import FootSlip, Sinkage
 from lunar_rover_sim.sensors.sensor import Platform
 from lunar_rover_sim.sensors.wheel_odometry import (Rolling, RollingFeet, WheelOdometry,
                                                     WheelOdometryConfig)
-from lunar_rover_sim.studies.odometry import judge
-from lunar_rover_sim.studies.walking import walk
 
 ROVER = RoverDescription()
 FINE = 2**20

@@ -8,13 +8,13 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.frames import rpy_from_wxyz
-from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.frames import rpy_from_wxyz
+from lunar_rover_sim.base.parameters import param, Parameters
 from lunar_rover_sim.sensors.sensor import numbers, Platform, Sensor, Vector
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.physics.state import RoverState
+    from lunar_rover_sim.rover.physics.state import RoverState
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""How a rover decides: path following, mapping and planning, learned policies."""

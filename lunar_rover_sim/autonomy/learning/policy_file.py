@@ -1,0 +1,350 @@
+"""A policy as a file: a small network in ONNX, and metadata that say all a node must know.
+
+The metadata entry `lunar_rover_sim` is JSON; its fields are those of `PolicyCard`. A file whose
+metadata do not fit its network or the package is refused with one line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import dataclasses
+import importlib.util
+import json
+from pathlib import Path
+import subprocess
+from typing import Any
+
+import numpy as np
+
+from lunar_rover_sim.autonomy.learning.onnx_reader import OnnxFile
+from lunar_rover_sim.autonomy.learning.senses import Channel
+from lunar_rover_sim.autonomy.learning.task import Driver, RoverTask, TaskConfig
+from lunar_rover_sim.autonomy.learning.tasks import TASKS
+from lunar_rover_sim.base.errors import LearningError, LunarRoverSimError, nearest, one_line
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.paths import check_regular, config_folder
+
+KEY, FORMAT = 'lunar_rover_sim', 1
+MOST_BYTES = 1 << 20
+OPSETS = (13, 21)           # written with 17; that of the oldest and newest runtimes tried
+_OPSET, _IR = 17, 8
+RUNNABLE = ('walk', 'gait')     # tasks whose driver needs no more than a rover senses
+
+
+@dataclasses.dataclass(frozen=True)
+class PolicyCard:
+    """What a file says of its policy.
+
+    Attributes:
+        format: Version of these fields.
+        task: walk, gait or reach.
+        rover: Name of the rover.
+        legs: Names of its legs, in their order.
+        ground: It was trained on.
+        observation: Channels in their order.
+        action: Channels in their order.
+        decision_hz: Rate of decisions.
+        options: Parameters of the task.
+        algorithm: How it was found.
+        decisions: In training.
+        seeds: Of the training.
+        commit: Of the code that trained it.
+        licence: Of the weights.
+    """
+
+    format: int
+    task: str
+    rover: str
+    legs: tuple[str, ...]
+    ground: str
+    observation: tuple[Channel, ...]
+    action: tuple[Channel, ...]
+    decision_hz: float
+    options: Mapping[str, Any]
+    algorithm: str
+    decisions: int
+    seeds: tuple[int, ...]
+    commit: str
+    licence: str
+
+    @classmethod
+    def of(cls, task: RoverTask, facts: Mapping[str, Any]) -> PolicyCard:
+        """Return the card of a policy that was trained on a task.
+
+        Args:
+            facts: Of the training: algorithm, decisions and seeds; licence, if it is another.
+        """
+        config = task.config
+        return cls(FORMAT, task.name, task.rover.name, task.rover.legs.names, config.ground,
+                   task.channels, task.actions, 1e9 / task.driver.decision_ns,
+                   config.to_mapping(), str(facts['algorithm']), int(facts['decisions']),
+                   tuple(facts['seeds']), _commit(), str(facts.get('licence', 'Apache-2.0')))
+
+    @classmethod
+    def parse(cls, text: str) -> PolicyCard:
+        """Read the JSON of a file; raise LearningError that names the field that is wrong."""
+        try:
+            document = json.loads(text)
+        except ValueError:
+            raise LearningError('metadata: not JSON') from None
+        fields = {field.name: field for field in dataclasses.fields(cls)}
+        if not isinstance(document, dict):
+            raise LearningError('metadata: not a mapping')
+        for name in document:
+            if name not in fields:
+                raise LearningError(f'metadata: {name}: no such entry; {nearest(name, fields)}')
+        missing = [name for name in fields if name not in document]
+        if missing:
+            raise LearningError(f'metadata: {", ".join(missing)} missing')
+        if document['format'] != FORMAT:
+            raise LearningError(f'metadata: format: {document["format"]} is not valid; valid is '
+                                f'{FORMAT}')
+        try:
+            for name in ('observation', 'action'):
+                document[name] = tuple(Channel(str(c['name']), str(c['unit']), float(c['scale']),
+                                               float(c['offset'])) for c in document[name])
+            for name in ('legs', 'seeds'):
+                document[name] = tuple(document[name])
+            document['decision_hz'] = float(document['decision_hz'])
+            return cls(**document)
+        except (TypeError, KeyError, ValueError) as error:
+            raise LearningError(f'metadata: not as format {FORMAT} has it: '
+                                f'{one_line(error)}') from None
+
+    def text(self) -> str:
+        """Return the JSON of a file."""
+        return json.dumps(dataclasses.asdict(self))
+
+
+class Policy:
+    """A network and its card.
+
+    Attributes:
+        card: What the file says.
+        path: The file.
+        runtime: onnxruntime or numpy.
+    """
+
+    def __init__(self, path: str | Path, runtime: str | None = None) -> None:
+        """Read a file, or the packaged policy of a name.
+
+        Args:
+            path: The file, or the name.
+            runtime: onnxruntime or numpy; None: onnxruntime where it is installed.
+
+        Raises:
+            LearningError: It cannot be read, is damaged, or does not fit itself or the package.
+        """
+        self.path = policy_path(path)
+        content = _content(self.path)
+        try:
+            network = OnnxFile.parse(content)
+            self.card = _checked_card(network)
+            self.runtime = runtime or ('onnxruntime' if _has_onnxruntime() else 'numpy')
+            self._run = (_session(content) if self.runtime == 'onnxruntime'
+                         else _layers(network))
+            self._check_shapes()
+        except LunarRoverSimError as error:
+            raise LearningError(f'{self.path}: {error}') from None
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """Return the action, (n,) within -1 and 1, for an observation."""
+        return np.clip(self._run(observation), -1.0, 1.0).astype(float)
+
+    def config(self) -> TaskConfig:
+        """Return the parameters of the task that the policy was trained on.
+
+        Raises:
+            LearningError: This package has other ones.
+        """
+        try:
+            return TASKS[self.card.task][1].from_mapping(dict(self.card.options), 'options')
+        except LunarRoverSimError as error:
+            raise LearningError(f'{self.path}: {error}') from None
+
+    def check(self, driver: Driver, rover: str, legs: Sequence[str]) -> None:
+        """Raise LearningError where rover, legs, rates, names or scales differ from a driver's."""
+        card = self.card
+        if card.rover != rover or card.legs != tuple(legs):
+            raise LearningError(f'{self.path}: is a policy for rover {card.rover} with legs '
+                                f'{", ".join(card.legs)}; here is {rover} with '
+                                f'{", ".join(legs)}')
+        if abs(card.decision_hz - 1e9 / driver.decision_ns) > 1e-6:
+            raise LearningError(f'{self.path}: decision_hz: {card.decision_hz:g} is not valid; '
+                                f'valid is {1e9 / driver.decision_ns:g} for its options [Hz]')
+        for name, given, here in (('observation', card.observation, driver.channels),
+                                  ('action', card.action, driver.actions)):
+            if len(given) != len(here):
+                raise LearningError(f'{self.path}: {name}: {len(given)} channels; valid are '
+                                    f'{len(here)}')
+            for one, other in zip(given, here):
+                if one != other:
+                    raise LearningError(f'{self.path}: {name}: {_words(one)} is not valid; valid '
+                                        f'is {_words(other)}')
+
+    def _check_shapes(self) -> None:
+        card = self.card
+        try:
+            action = self._run(np.zeros(len(card.observation), np.float32))
+        except LearningError:
+            raise
+        except Exception as error:      # of the runtime, whose errors have no common class
+            raise LearningError(f'its network does not take {len(card.observation)} numbers, as '
+                                f'its metadata say: {one_line(error)[:200]}') from None
+        if action.shape != (len(card.action),) or not np.isfinite(action).all():
+            raise LearningError(f'its network gives {action.shape} numbers; its metadata say '
+                                f'({len(card.action)},) finite ones')
+
+
+def policy_names() -> list[str]:
+    """Return the names of the packaged policies."""
+    return sorted(path.stem for path in (config_folder() / 'policies').glob('*.onnx'))
+
+
+def policy_path(name_or_path: str | Path) -> Path:
+    """Return the file of a policy, by the name of a packaged one or by its path.
+
+    Raises:
+        LearningError: There is no such packaged policy.
+    """
+    text = str(name_or_path)
+    if '/' in text or text.endswith('.onnx'):
+        return Path(text)
+    if text not in policy_names():
+        raise LearningError(f'{text[:80]}: no such policy; {nearest(text, policy_names())}')
+    return config_folder() / 'policies' / f'{text}.onnx'
+
+
+def save_policy(path: Path, layers: Sequence[tuple[np.ndarray, np.ndarray]], task: RoverTask,
+                facts: Mapping[str, Any], squashed: bool = False) -> None:
+    """Write a policy and its card: `PATH.onnx` and `PATH.md`, each whole or not at all.
+
+    Args:
+        path: Of the file, which ends in .onnx.
+        layers: Weights (out, in) and biases (out,) of each; between them is tanh.
+        task: It was trained on.
+        facts: As `PolicyCard.of` takes them.
+        squashed: Whether tanh follows the last layer, too.
+
+    Raises:
+        LearningError: The package onnx is missing, the network is too large or does not fit the
+            task, or the file cannot be written.
+    """
+    if importlib.util.find_spec('onnx') is None:
+        raise LearningError('onnx: not installed; pip install onnx (extra [train])')
+    import onnx
+    from onnx import helper, numpy_helper
+    nodes, weights, last = [], [], 'observation'
+    for k, (weight, bias) in enumerate(layers):
+        weights += [numpy_helper.from_array(weight.astype(np.float32), f'weight_{k}'),
+                    numpy_helper.from_array(bias.astype(np.float32), f'bias_{k}')]
+        end = k == len(layers) - 1 and not squashed
+        out = 'action' if end else f'sum_{k}'
+        nodes.append(helper.make_node('Gemm', [last, f'weight_{k}', f'bias_{k}'], [out],
+                                      transB=1))
+        if not end:
+            last = 'action' if k == len(layers) - 1 else f'layer_{k}'
+            nodes.append(helper.make_node('Tanh', [out], [last]))
+
+    def numbers(name: str, count: int) -> Any:
+        return helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1, count])
+
+    card = PolicyCard.of(task, facts)
+    graph = helper.make_graph(nodes, 'policy', [numbers('observation', len(card.observation))],
+                              [numbers('action', len(card.action))], weights)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid('', _OPSET)],
+                              ir_version=_IR, producer_name='lunar_rover_sim')
+    helper.set_model_props(model, {KEY: card.text()})
+    content = model.SerializeToString()
+    if len(content) > MOST_BYTES:
+        raise LearningError(f'{path}: {len(content)} bytes; valid is up to {MOST_BYTES}')
+    atomic_write(path, content, LearningError)
+    atomic_write(path.with_suffix('.md'), card_text(card), LearningError)
+
+
+def constant_layers(task: RoverTask, action: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the layers of a policy that gives one action whatever it sees."""
+    return [(np.zeros((len(action), len(task.channels))), np.asarray(action))]
+
+
+def card_text(card: PolicyCard) -> str:
+    """Return the model card of a policy in Markdown."""
+    lines = [f'# Policy for {card.task} of {card.rover} on {card.ground}', '',
+             f'- Found by: {card.algorithm}, {card.decisions} decisions, seeds '
+             f'{", ".join(map(str, card.seeds))}.',
+             f'- Code: commit {card.commit}.',
+             f'- Licence: {card.licence}.', f'- Decisions: {card.decision_hz:g} Hz.',
+             f'- Legs: {", ".join(card.legs)}.', '',
+             '| observation | unit | scale |', '|---|---|---|',
+             *(f'| {c.name} | {c.unit or "1"} | {c.scale:g} |' for c in card.observation), '',
+             '| action | unit | value of 0 | scale |', '|---|---|---|---|',
+             *(f'| {c.name} | {c.unit or "1"} | {c.offset:g} | {c.scale:g} |'
+               for c in card.action), '']
+    return '\n'.join(lines)
+
+
+def _checked_card(network: OnnxFile) -> PolicyCard:
+    if KEY not in network.metadata:
+        raise LearningError(f'metadata: no entry {KEY}; it is no policy of this package')
+    card = PolicyCard.parse(network.metadata[KEY])
+    if card.task not in TASKS:
+        raise LearningError(f'metadata: task: {card.task!r} is not valid; '
+                            f'{nearest(str(card.task), TASKS)}')
+    low, high = OPSETS
+    if not low <= network.opset <= high:
+        raise LearningError(f'opset: {network.opset} is not valid; valid is {low} to {high}')
+    return card
+
+
+def _content(path: Path) -> bytes:
+    check_regular(path, LearningError)
+    try:
+        size = path.stat().st_size
+        if size > MOST_BYTES:
+            raise LearningError(f'{path}: {size} bytes; valid is up to {MOST_BYTES}')
+        return path.read_bytes()
+    except OSError as error:
+        raise LearningError(f'{path}: cannot be read: {error.strerror}') from None
+
+
+def _has_onnxruntime() -> bool:
+    return importlib.util.find_spec('onnxruntime') is not None
+
+
+def _session(content: bytes) -> Any:
+    """Return what runs a network by onnxruntime, on one thread."""
+    if not _has_onnxruntime():
+        raise LearningError('onnxruntime: not installed; pip install onnxruntime (extra [policy])')
+    import onnxruntime
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    try:
+        session = onnxruntime.InferenceSession(content, options, ['CPUExecutionProvider'])
+    except Exception as error:          # of the runtime, whose errors have no common class
+        raise LearningError(f'onnxruntime cannot run it: {one_line(error)[:300]}') from None
+    name = session.get_inputs()[0].name
+    return lambda observation: session.run(
+        None, {name: np.asarray(observation, np.float32)[None]})[0][0]
+
+
+def _layers(network: OnnxFile) -> Any:
+    unknown = network.unknown()
+    if unknown:
+        raise LearningError(f'{", ".join(unknown)}: needs onnxruntime; pip install onnxruntime '
+                            '(extra [policy])')
+    return network.run
+
+
+def _words(channel: Channel) -> str:
+    return f'{channel.name} [{channel.unit or "1"}], scale {channel.scale:g}'
+
+
+def _commit() -> str:
+    """Return the commit of the source tree, or '' in an installation."""
+    try:
+        found = subprocess.run(['git', 'rev-parse', '--short=12', 'HEAD'], capture_output=True,
+                               text=True, cwd=Path(__file__).parent, timeout=10.0)
+    except (OSError, subprocess.TimeoutExpired):
+        return ''
+    return found.stdout.strip() if found.returncode == 0 else ''

@@ -1,0 +1,354 @@
+"""The rolling elevation map: heights with variance, robust to pitch and wrong matches.
+
+Points of a frame are first averaged cell by cell, weighted by their errors. The frame is then
+levelled: height, pitch and roll by which it deviates from what the map knows are fitted and taken
+out, as far as the stated errors of the pose allow. What remains enters the cells by a Kalman
+filter each. A height that contradicts its cell is counted instead; several in a row replace it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lunar_rover_sim.autonomy.navigation.config import MapConfig
+from lunar_rover_sim.base.arguments import brief
+from lunar_rover_sim.base.compiled import compiled
+from lunar_rover_sim.base.errors import NavigationError
+from lunar_rover_sim.base.frames import Array
+
+F32 = NDArray[np.float32]
+Index = NDArray[np.int64]
+
+_STEP_CELLS = 8             # by which the map rolls
+_MOST_MPS = 1.0             # a rover that seems faster has jumped
+_LEAST_COMMON = 60          # cells that a frame must share with the map to be levelled
+_ROUNDS, _HUBER = 4, 2.0    # of levelling
+
+
+@dataclasses.dataclass(frozen=True)
+class Elevation:
+    """A map at a stamp; row 0 south, column 0 west, axes of the frame of the poses.
+
+    Attributes:
+        stamp_ns: Of the newest depth in it [ns].
+        origin_m: (2,) corner of the cell [0, 0] with the least x and y.
+        cell_m: Side of a cell.
+        height_m: (n, n) float32, NaN where unknown.
+        variance_m2: (n, n) float32, NaN where unknown.
+    """
+
+    stamp_ns: int
+    origin_m: Array
+    cell_m: float
+    height_m: F32
+    variance_m2: F32
+
+    @property
+    def centres_m(self) -> tuple[Array, Array]:
+        """x of the columns and y of the rows: the centres of the cells [m]."""
+        n = len(self.height_m)
+        steps = (np.arange(n) + 0.5) * self.cell_m
+        return self.origin_m[0] + steps, self.origin_m[1] + steps
+
+
+class ElevationMap:
+    """A map that rolls with the rover. The same calls give the same map."""
+
+    def __init__(self, config: MapConfig) -> None:
+        self.config = config
+        n = config.cells
+        self._height = np.zeros((n, n), np.float32)
+        self._variance = np.zeros((n, n), np.float32)
+        self._hits = np.zeros((n, n), np.int32)
+        self._misses = np.zeros((n, n), np.int32)
+        self._sums = np.zeros((4, n, n), np.float64)
+        self._corner: NDArray[np.int64] | None = None      # cell of [0, 0], in cells of the world
+        self._last: tuple[int, Array] | None = None
+        self.begun_anew = 0
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._hits[:] = 0
+        self._misses[:] = 0
+        self._corner = self._last = None
+
+    def add_depth(self, stamp_ns: int, depth_m: F32, K: ArrayLike, baseline_m: float,
+                  T_map_camera: ArrayLike, position_m: ArrayLike) -> bool:
+        """Take in a depth image.
+
+        Args:
+            stamp_ns: Of the image [ns].
+            depth_m: (h, w) along the optical axis; what is not finite is not known.
+            K: (3, 3) intrinsics of the rectified image [px].
+            baseline_m: Of the stereo pair; 0: of a depth whose error does not grow with it.
+            T_map_camera: (4, 4) pose of the camera, optical axes.
+            position_m: (3,) of the rover, around which the map is kept.
+
+        Returns:
+            Whether the map was begun anew, since the pose had jumped.
+
+        Raises:
+            NavigationError: If an argument is not valid.
+        """
+        K = np.asarray(K, float)
+        if depth_m.ndim != 2 or depth_m.dtype != np.float32:
+            raise NavigationError(f'depth_m: {depth_m.dtype} {depth_m.shape} is not valid; valid '
+                                  'is float32 (h, w)')
+        T = _checked_pose('T_map_camera', T_map_camera)
+        anew = self._follow(stamp_ns, position_m)
+        h, w = depth_m.shape
+        u = (np.arange(w) - K[0, 2]) / K[0, 0]
+        v = (np.arange(h) - K[1, 2]) / K[1, 1]
+        noise = self.config.disparity_stddev_px / (K[0, 0] * baseline_m) if baseline_m else 0.0
+        assert self._corner is not None
+        self._sums[:] = 0.0
+        _scatter_depth(_without_edges(depth_m, int(self.config.hole_px * w / 640)), u, v, T,
+                       self._corner, self.config.cell_m, self.config.min_range_m,
+                       self.config.max_range_m, noise, self.config.range_stddev_m,
+                       self.config.height_stddev_m, self.config.grazing, self._sums)
+        self._take_in(np.asarray(position_m, float))
+        return anew
+
+    def add_points(self, stamp_ns: int, points_m: ArrayLike, T_map_sensor: ArrayLike,
+                   position_m: ArrayLike) -> bool:
+        """Take in (n, 3) points in the frame of a LiDAR; else as `add_depth`."""
+        points = np.asarray(points_m, float).reshape(-1, 3)
+        T = _checked_pose('T_map_sensor', T_map_sensor)
+        anew = self._follow(stamp_ns, position_m)
+        assert self._corner is not None
+        self._sums[:] = 0.0
+        _scatter_points(points, T, self._corner, self.config.cell_m, self.config.min_range_m,
+                        self.config.max_range_m, self.config.range_stddev_m,
+                        self.config.height_stddev_m, self._sums)
+        self._take_in(np.asarray(position_m, float))
+        return anew
+
+    def elevation(self) -> Elevation:
+        """Return the map as it is now; raise NavigationError before the first frame."""
+        if self._corner is None or self._last is None:
+            raise NavigationError('the map has seen nothing yet')
+        known = self._hits >= self.config.least_hits
+        nan = np.float32(np.nan)
+        origin = np.asarray(self._corner * self.config.cell_m, float)
+        return Elevation(self._last[0], origin, self.config.cell_m,
+                         np.where(known, self._height, nan), np.where(known, self._variance, nan))
+
+    def _follow(self, stamp_ns: int, position_m: ArrayLike) -> bool:
+        """Roll the map to the rover; return whether the pose has jumped, and all is forgotten."""
+        position = np.asarray(position_m, float)
+        if position.shape != (3,) or not np.isfinite(position).all():
+            raise NavigationError(f'position_m: {brief(position_m)} is not valid; valid is three '
+                                  'finite numbers [m]')
+        config, jumped = self.config, False
+        if self._last is not None:
+            moved = float(np.linalg.norm(position - self._last[1]))
+            seconds = (stamp_ns - self._last[0]) * 1e-9
+            if seconds < 0.0 or moved > config.jump_m + _MOST_MPS * seconds:
+                self.clear()
+                self.begun_anew += 1
+                jumped = True
+            else:
+                self._variance += np.float32((config.drift * moved) ** 2)
+        self._last = stamp_ns, position.copy()
+        n = config.cells
+        wanted = np.round(position[:2] / config.cell_m).astype(np.int64) - n // 2
+        if self._corner is None:
+            self._corner = wanted
+        shift = wanted - self._corner
+        if np.abs(shift).max() >= _STEP_CELLS:
+            self._corner = wanted
+            for array in (self._height, self._variance, self._hits, self._misses):
+                _roll(array, int(shift[1]), int(shift[0]))
+        return jumped
+
+    def _take_in(self, position: Array) -> None:
+        config = self.config
+        floor = config.height_stddev_m ** 2
+        _average(self._sums, floor)
+        variance, mean, spread, count = self._sums
+        if config.level_stddev_m > 0.0 or config.level_stddev_deg > 0.0:
+            self._level(mean, variance, np.nonzero(count), position)
+        _fuse(mean, variance, spread, count, self._height, self._variance, self._hits,
+              self._misses, config.gate, config.contradictions, floor / 4.0)
+
+    def _level(self, mean: Array, variance: Array, seen: tuple[Index, ...],
+               position: Array) -> None:
+        """Take from the heights of a frame what error of the pose the map shows."""
+        config = self.config
+        assert self._corner is not None
+        rows, columns = seen
+        shared = self._hits[seen] >= config.least_hits
+        if np.count_nonzero(shared) < _LEAST_COMMON:
+            return
+        offset = (np.stack([columns, rows]) + 0.5 + self._corner[:, None]) * config.cell_m \
+            - position[:2, None]
+        design = np.stack([np.ones(len(rows)), *offset], axis=1)
+        common = rows[shared], columns[shared]
+        A = design[shared]
+        off = mean[common] - self._height[common]
+        sigma = np.sqrt(variance[common] + self._variance[common])
+        tilt = math.tan(math.radians(config.level_stddev_deg))
+        prior = 1.0 / np.maximum([config.level_stddev_m, tilt, tilt], 1e-6) ** 2
+        fitted = np.zeros(3)
+        for _ in range(_ROUNDS):
+            left = np.abs(off - A @ fitted) / sigma
+            weight = np.minimum(1.0, _HUBER / np.maximum(left, 1e-9)) / sigma ** 2
+            # Neighbouring cells err alike: as if one in ten were seen.
+            weight *= 0.1
+            fitted = np.linalg.solve((A * weight[:, None]).T @ A + np.diag(prior),
+                                     A.T @ (weight * off))
+        mean[seen] -= design @ fitted
+
+
+def _without_edges(depth_m: F32, margin_px: int) -> F32:
+    """Return a depth image without the pixels that near to one without depth."""
+    if margin_px == 0:
+        return np.ascontiguousarray(depth_m)
+    side = 2 * margin_px + 1
+    beside = cv2.dilate((~np.isfinite(depth_m)).astype(np.uint8), np.ones((side, side), np.uint8))
+    return np.where(beside, np.float32(np.nan), depth_m)
+
+
+def _checked_pose(name: str, pose: ArrayLike) -> Array:
+    T = np.ascontiguousarray(pose, float)
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        raise NavigationError(f'{name}: {brief(pose)} is not valid; valid is a finite (4, 4) pose')
+    return T
+
+
+def _roll(array: NDArray, rows: int, columns: int) -> None:
+    """Move an array against the rover's way; what comes in is 0."""
+    n = len(array)
+    moved = np.zeros_like(array)
+    if abs(rows) < n and abs(columns) < n:
+        to = [slice(max(-k, 0), n - max(k, 0)) for k in (rows, columns)]
+        of = [slice(max(k, 0), n - max(-k, 0)) for k in (rows, columns)]
+        moved[to[0], to[1]] = array[of[0], of[1]]
+    array[:] = moved
+
+
+@compiled
+def _add(sums: Array, row: int, column: int, height: float, variance: float) -> None:
+    """Add a height to the weighted sums of a cell."""
+    weight = 1.0 / variance
+    sums[0, row, column] += weight
+    sums[1, row, column] += weight * height
+    sums[2, row, column] += weight * height * height
+    sums[3, row, column] += 1.0
+
+
+@compiled
+def _scatter_depth(depth: F32, u: Array, v: Array, T: Array, corner: NDArray[np.int64],
+                   cell_m: float, near_m: float, far_m: float, noise: float, range_m: float,
+                   floor_m: float, grazing: float, sums: Array) -> None:
+    n = sums.shape[1]
+    rows, columns = depth.shape
+    apart = max(1, rows // 240)     # rows, between which a surface falls
+    x0, y0 = corner[0] * cell_m, corner[1] * cell_m
+    for r in range(rows):
+        for c in range(columns):
+            z = depth[r, c]
+            if not (near_m <= z <= far_m):
+                continue
+            dx = T[0, 0] * u[c] + T[0, 1] * v[r] + T[0, 2]
+            dy = T[1, 0] * u[c] + T[1, 1] * v[r] + T[1, 2]
+            dz = T[2, 0] * u[c] + T[2, 1] * v[r] + T[2, 2]
+            ix = int(math.floor((T[0, 3] + z * dx - x0) / cell_m))
+            iy = int(math.floor((T[1, 3] + z * dy - y0) / cell_m))
+            if ix < 0 or iy < 0 or ix >= n or iy >= n:
+                continue
+            if grazing < 1.0 and apart <= r < rows - apart:
+                # Along a line of sight the way is z |d|, the height z dz: of the rows above, which
+                # look farther, and below.
+                far, near = depth[r - apart, c], depth[r + apart, c]
+                step = apart * (v[1] - v[0])
+                far_h = far * (dz - T[2, 1] * step)
+                near_h = near * (dz + T[2, 1] * step)
+                far_x = far * (dx - T[0, 1] * step) - near * (dx + T[0, 1] * step)
+                far_y = far * (dy - T[1, 1] * step) - near * (dy + T[1, 1] * step)
+                level = math.hypot(dx, dy)
+                way = (far_x * dx + far_y * dy) / level
+                sight = dz / level      # its slope, negative
+                if sight < 0.0 and way > 0.0 and far_h - near_h < grazing * sight * way:
+                    continue
+            height = T[2, 3] + z * dz
+            along = z * z * noise + range_m
+            # Along the ray, and across it on ground that is not level (slopes of 0.1).
+            variance = along * along * (dz * dz + 0.01) + floor_m * floor_m
+            _add(sums, iy, ix, height, variance)
+
+
+@compiled
+def _scatter_points(points: Array, T: Array, corner: NDArray[np.int64], cell_m: float,
+                    near_m: float, far_m: float, range_m: float, floor_m: float,
+                    sums: Array) -> None:
+    n = sums.shape[1]
+    for k in range(len(points)):
+        x, y, z = points[k]
+        distance = math.sqrt(x * x + y * y + z * z)
+        if not (near_m <= distance <= far_m):
+            continue
+        ix = int(math.floor((T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / cell_m)) \
+            - corner[0]
+        iy = int(math.floor((T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / cell_m)) \
+            - corner[1]
+        if ix < 0 or iy < 0 or ix >= n or iy >= n:
+            continue
+        rise = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z
+        height = rise + T[2, 3]
+        variance = range_m * range_m * ((rise / distance) ** 2 + 0.01) + floor_m * floor_m
+        _add(sums, iy, ix, height, variance)
+
+
+@compiled
+def _average(sums: Array, floor: float) -> None:
+    """Turn the sums of a frame into variance, mean and spread of the heights of a cell."""
+    rows, columns = sums.shape[1:]
+    for r in range(rows):
+        for c in range(columns):
+            count = sums[3, r, c]
+            if count > 0.0:
+                weight = sums[0, r, c]
+                mean = sums[1, r, c] / weight
+                # Points of one cell and frame share the errors of their matches: as good as four.
+                sums[0, r, c] = count / (weight * min(count, 4.0)) + floor
+                sums[1, r, c] = mean
+                sums[2, r, c] = max(sums[2, r, c] / weight - mean * mean, 0.0)
+
+
+@compiled
+def _fuse(mean: Array, variance: Array, spread: Array, count: Array, height: F32,
+          known_variance: F32, hits: NDArray[np.int32], misses: NDArray[np.int32], gate: float,
+          contradictions: int, least_variance: float) -> None:
+    rows, columns = mean.shape
+    for r in range(rows):
+        for c in range(columns):
+            if count[r, c] == 0.0:
+                continue
+            if hits[r, c] == 0:
+                height[r, c] = mean[r, c]
+                known_variance[r, c] = variance[r, c]
+                hits[r, c] = 1
+                misses[r, c] = 0
+                continue
+            off = mean[r, c] - height[r, c]
+            total = known_variance[r, c] + variance[r, c]
+            # A rock within a cell is seen now from its side and now from above.
+            if off * off <= gate * gate * (total + spread[r, c]):
+                gain = known_variance[r, c] / total
+                height[r, c] += gain * off
+                known_variance[r, c] = max((1.0 - gain) * known_variance[r, c], least_variance)
+                hits[r, c] += 1
+                misses[r, c] = 0
+            else:
+                misses[r, c] += 1
+                if misses[r, c] >= min(contradictions, hits[r, c] + 1):
+                    height[r, c] = mean[r, c]
+                    known_variance[r, c] = variance[r, c]
+                    hits[r, c] = 1
+                    misses[r, c] = 0

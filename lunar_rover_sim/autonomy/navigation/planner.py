@@ -1,0 +1,229 @@
+"""Plans over a grid of costs, by scikit-image's `MCP_Geometric`."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter1d
+from skimage.graph import MCP_Geometric
+
+from lunar_rover_sim.autonomy.navigation.config import PlanConfig
+from lunar_rover_sim.autonomy.navigation.overview import Overview, WALL_COST
+from lunar_rover_sim.autonomy.navigation.traversability import LETHAL, Traversability, UNKNOWN
+from lunar_rover_sim.base.frames import Array, path_length
+
+_ESCAPE = 20.0          # cost of ground that is too near to an obstacle while the rover leaves it
+_SMOOTH_CELLS = 2.5
+_SEARCH_M = 1.0         # a goal that cannot be reached is replaced by one this near to it
+
+
+@dataclasses.dataclass(frozen=True)
+class Disc:
+    """Ground that the rover knows more of than the map: where it bumped, or saw nothing.
+
+    Attributes:
+        cost: Added to that of the ground in it; inf: it must not be crossed.
+        until_ns: When it is forgotten [ns].
+    """
+
+    x_m: float
+    y_m: float
+    radius_m: float
+    cost: float
+    until_ns: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """A way to the goal, or to the edge of the map towards it.
+
+    Attributes:
+        points_m: (n, 2) from the rover on.
+        cost: Of the way and, where it ends before the goal, of the rest over what was seen there.
+        reaches_goal: Whether it ends at the goal itself.
+        off_goal_m: How far from a goal that cannot be reached it ends; 0 if it goes on beyond
+            the map.
+    """
+
+    points_m: Array
+    cost: float
+    reaches_goal: bool
+    off_goal_m: float = 0.0
+
+    @property
+    def length_m(self) -> float:
+        """Length of the way [m]."""
+        return path_length(self.points_m)
+
+
+class Planner:
+    """Finds ways over the costs of one map."""
+
+    def __init__(self, grid: Traversability, config: PlanConfig, half_width_m: float,
+                 rover_xy_m: ArrayLike, discs: tuple[Disc, ...] = (),
+                 overview: Overview | None = None) -> None:
+        """Prepare the costs of a map.
+
+        Args:
+            overview: What was seen beyond the map, and of what the map does not know; None: all
+                beyond the map is free.
+        """
+        self._overview = overview
+        self._grid, self._rover = grid, np.asarray(rover_xy_m, float)[:2]
+        self.unknown = grid.cost == UNKNOWN
+        self.unknown[self._within(self._rover, config.blind_m)] = False
+        self.lethal = grid.cost >= LETHAL
+        share = np.clip(np.arange(-128.0, 128.0), 0.0, 99.0) / 99.0
+        cost = np.take(1.0 + config.rough_cost * share, grid.cost.astype(np.int16) + 128)
+        for disc in discs:
+            inside = self._within((disc.x_m, disc.y_m), disc.radius_m)
+            if math.isinf(disc.cost):
+                self.lethal[inside] = True
+            else:
+                cost[inside] += disc.cost
+        free = (~self.lethal).astype(np.uint8)
+        apart = cv2.distanceTransform(free, cv2.DIST_L2, 5) * np.float32(grid.cell_m)
+        self._apart = apart
+        self.room_m = room = half_width_m + config.margin_m
+        self.blocked = apart < room
+        near = np.nonzero(apart < room + config.near_m)
+        share = np.clip((room + config.near_m - apart[near]) / max(config.near_m, 1e-6), 0.0, 1.0)
+        cost[near] += config.near_cost * share ** 2
+        cost[self.unknown] += config.unknown_cost
+        if overview is not None:
+            x, y = self._centre(np.arange(len(cost)), np.arange(len(cost)))
+            cost[self.unknown & overview.closed_at(x, y)] += WALL_COST
+        # The rover may stand where it would not go, and leaves it, but not over an obstacle.
+        around = self._within(self._rover, room + 2.0 * grid.cell_m)
+        cost[around] += _ESCAPE * self.blocked[around]
+        closed = self.blocked.copy()
+        closed[around] = self.lethal[around]
+        closed[self._within(self._rover, half_width_m)] = False
+        cost[closed] = -1.0             # not to be crossed
+        self._cost = cost
+
+    def plan(self, goal_xy_m: ArrayLike) -> Plan | None:
+        """Return the cheapest way to a goal; None if there is none, or the rover is off the map.
+
+        A goal beyond the map is approached at the edge from which way and straight rest cost
+        least. A goal on an obstacle is replaced by the nearest place that can be reached.
+        """
+        goal = np.asarray(goal_xy_m, float)[:2]
+        start, end = self._cell(self._rover), self._cell(goal)
+        if not self._inside(start):
+            return None
+        search = MCP_Geometric(self._cost, fully_connected=True)
+        if self._inside(end) and self._cost[end] > 0.0:
+            total, _ = search.find_costs([start], [end])
+            if math.isfinite(total[end]):
+                return self._made(search.traceback(end), goal, goal)
+        total, _ = search.find_costs([start])
+        n = len(total)
+        rows, columns = np.mgrid[0:n, 0:n]
+        x, y = self._centre(rows, columns)
+        rest = np.hypot(x - goal[0], y - goal[1])
+        if self._inside(end):
+            near = np.where(np.isfinite(total) & (rest <= _SEARCH_M), rest, np.inf)
+            best = np.unravel_index(int(np.argmin(near)), near.shape)
+            if not math.isfinite(near[best]):
+                return None
+            found = self._made(search.traceback(best), None, goal)
+            return dataclasses.replace(found, off_goal_m=float(rest[best]))
+        edge = np.full(total.shape, np.inf)
+        for side in (np.s_[0, :], np.s_[-1, :], np.s_[:, 0], np.s_[:, -1]):
+            detour = self._detour_m(np.stack([x[side], y[side]], axis=-1), goal)
+            edge[side] = total[side] * self._grid.cell_m + rest[side] + detour
+        best = np.unravel_index(int(np.argmin(edge)), edge.shape)
+        if not math.isfinite(edge[best]):
+            return None
+        return self._made(search.traceback(best), None, goal)
+
+    def cost_along(self, points_m: Array, goal_xy_m: ArrayLike) -> float:
+        """Return the cost of a way (n, 2), and of the rest to the goal; inf if blocked."""
+        goal = np.asarray(goal_xy_m, float)[:2]
+        if len(points_m) < 2:
+            return math.inf
+        steps = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
+        cost = self._at(self._cost, points_m[1:], 1.0)
+        if np.any(cost < 0.0):
+            return math.inf
+        return float(np.sum(steps * cost)) + self._rest_m(points_m[-1], goal)
+
+    def is_clear(self, points_m: Array) -> bool:
+        """Return whether a way (n, 2) keeps its distance from obstacles, as its start does."""
+        apart = self._at(self._apart, points_m, np.inf)
+        return bool(apart.min() >= min(self.room_m, apart[0]))
+
+    def unknown_along_m(self, points_m: Array, from_m: float, to_m: float) -> tuple[float, Array]:
+        """Return how much of a part of a way is unknown [m], and where that begins (2,) [m]."""
+        steps = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
+        along = np.concatenate([[0.0], np.cumsum(steps)])
+        if along[-1] <= from_m:
+            return 0.0, points_m[-1]
+        at = np.arange(from_m, min(to_m, along[-1]), 0.5 * self._grid.cell_m)
+        points = np.stack([np.interp(at, along, points_m[:, k]) for k in (0, 1)], axis=-1)
+        unknown = self._at(self.unknown, points, False)
+        first = points[int(np.argmax(unknown))] if unknown.any() else points_m[-1]
+        return 0.5 * self._grid.cell_m * float(np.count_nonzero(unknown)), first
+
+    def _made(self, cells: list[tuple[int, int]], end_m: Array | None, goal: Array) -> Plan:
+        rows, columns = np.array(cells).T
+        points = np.stack(self._centre(rows, columns), axis=-1)
+        points[0] = self._rover
+        if end_m is not None:
+            points[-1] = end_m
+        if len(points) < 2:
+            points = np.stack([self._rover, points[-1]])
+        smooth = points.copy()
+        for k in (0, 1):
+            smooth[1:-1, k] = gaussian_filter1d(points[:, k], _SMOOTH_CELLS,
+                                                mode='nearest')[1:-1]
+        if not np.any(self._at(self._cost, smooth[1:-1], 1.0) < 0.0):
+            points = smooth
+        return Plan(points, self.cost_along(points, goal), end_m is not None)
+
+    def _rest_m(self, end_m: Array, goal: Array) -> float:
+        """Return what it costs from the end of a way (2,) to a goal."""
+        straight = float(np.linalg.norm(end_m - goal))
+        return straight if self._inside(self._cell(goal)) \
+            else straight + float(self._detour_m(end_m[None], goal)[0])
+
+    def _detour_m(self, points_m: Array, goal: Array) -> Array:
+        """Return what ways from (n, 2) to a goal beyond the map cost more than straight ones."""
+        return (np.zeros(len(points_m)) if self._overview is None
+                else self._overview.detour_m(points_m, goal))
+
+    def _cell(self, xy_m: ArrayLike) -> tuple[int, int]:
+        column, row = np.floor((np.asarray(xy_m, float) - self._grid.origin_m)
+                               / self._grid.cell_m).astype(int)
+        return int(row), int(column)
+
+    def _inside(self, cell: tuple[int, int]) -> bool:
+        n = len(self._grid.cost)
+        return 0 <= cell[0] < n and 0 <= cell[1] < n
+
+    def _centre(self, rows: NDArray, columns: NDArray) -> tuple[Array, Array]:
+        cell, origin = self._grid.cell_m, self._grid.origin_m
+        return origin[0] + (columns + 0.5) * cell, origin[1] + (rows + 0.5) * cell
+
+    def _within(self, xy_m: ArrayLike, radius_m: float) -> tuple[NDArray, NDArray]:
+        """Return rows and columns of the cells whose centres lie in a circle."""
+        n, cell = len(self._grid.cost), self._grid.cell_m
+        middle = (np.asarray(xy_m, float)[:2] - self._grid.origin_m) / cell - 0.5
+        low, high = (np.clip(middle + sign * radius_m / cell, 0, n).astype(int) + (sign > 0)
+                     for sign in (-1.0, 1.0))
+        columns, rows = (np.arange(a, min(b, n)) for a, b in zip(low, high))
+        r, c = np.nonzero(np.hypot(rows[:, None] - middle[1], columns - middle[0])
+                          <= radius_m / cell)
+        return rows[r], columns[c]
+
+    def _at(self, values: NDArray, points_m: Array, outside: float) -> NDArray:
+        cells = np.floor((points_m - self._grid.origin_m) / self._grid.cell_m).astype(int)
+        n = len(values)
+        inside = np.all((cells >= 0) & (cells < n), axis=-1)
+        columns, rows = np.clip(cells, 0, n - 1).T
+        return np.where(inside, values[rows, columns], outside)

@@ -1,0 +1,307 @@
+"""Frozen, validated parameter sets, for YAML files and ROS parameters.
+
+A parameter set is a frozen dataclass that derives from `Parameters` and declares its fields with
+`param` (a value with unit, range and meaning) and `group` (a nested set). One declaration serves
+the YAML loader, the ROS parameter descriptors and the documentation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import dataclasses
+import logging
+import math
+import typing
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+
+from lunar_rover_sim.base.arguments import brief, INT64
+from lunar_rover_sim.base.errors import ConfigError, nearest
+from lunar_rover_sim.base.named_sets import checked_name, NAME, Named
+
+log = logging.getLogger(__name__)
+
+T = TypeVar('T', bound='Parameters')
+D = TypeVar('D')
+
+_SCALARS = {'bool': bool, 'int': int, 'float': float, 'str': str}
+_ARRAYS = {'tuple[float, ...]': float, 'tuple[int, ...]': int, 'tuple[str, ...]': str}
+_HINTS: dict[type, dict[str, Any]] = {}     # types of the fields of each class
+
+
+@dataclasses.dataclass(frozen=True)
+class ParamInfo:
+    """The declaration of one parameter: meaning, unit, valid range or choices.
+
+    `low` and `high` are inclusive unless `open_low`, `open_high`; for lists they bound every
+    element and `length` bounds their number. `live` parameters may change while a node runs.
+    """
+
+    doc: str
+    unit: str = ''
+    low: float | None = None
+    high: float | None = None
+    open_low: bool = False
+    open_high: bool = False
+    choices: tuple[str, ...] = ()
+    length: int | None = None
+    live: bool = False
+
+    def valid(self) -> str:
+        """Return what is valid, in words."""
+        parts = []
+        if self.length is not None:
+            parts.append(f'{self.length} elements')
+        if self.choices:
+            parts.append('one of ' + ', '.join(self.choices))
+        if self.low is not None:
+            parts.append(f'{">" if self.open_low else ">="} {self.low:g}')
+        if self.high is not None:
+            parts.append(f'{"<" if self.open_high else "<="} {self.high:g}')
+        unit = f' [{self.unit}]' if self.unit else ''
+        return (' and '.join(parts) or 'any value of its type') + unit
+
+
+def param(default: Any, doc: str, **info: Any) -> Any:
+    """Declare a field of a parameter set; `info` as in `ParamInfo`."""
+    return dataclasses.field(default=default, metadata={'info': ParamInfo(doc, **info)})
+
+
+def group(cls: type) -> Any:
+    """Declare a nested parameter set with its defaults."""
+    return dataclasses.field(default_factory=cls)
+
+
+def named(cls: type, default: Callable[[], Named[Any]] = Named) -> Any:
+    """Declare a field `Named[cls]`: sets that a user adds by their names.
+
+    Args:
+        default: Makes those without which none are given; where any are given, they are all.
+    """
+    return dataclasses.field(default_factory=default, metadata={'named': cls})
+
+
+class Parameters:
+    """Base of every frozen parameter set; checks each field against its declaration.
+
+    Attributes:
+        gone: Parameters of earlier versions that change nothing any more, with their defaults:
+            recorded scenarios name them. They are read and left out.
+    """
+
+    gone: ClassVar[Mapping[str, Any]] = {}
+
+    def __post_init__(self) -> None:
+        hints = _hints(type(self))
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            if 'info' in field.metadata:
+                value = check(field.name, getattr(self, field.name), hints[field.name],
+                              field.metadata['info'])
+                object.__setattr__(self, field.name, value)
+        self.validate()
+
+    def validate(self) -> None:
+        """Check conditions between several fields; raise ConfigError."""
+
+    @classmethod
+    def from_mapping(cls: type[T], mapping: Mapping[str, Any], where: str = '') -> T:
+        """Build the set from nested plain values; `where` prefixes names in errors.
+
+        Keys may be dotted (`imu.rate_hz`), as ROS 2 writes them.
+
+        Raises:
+            ConfigError: For an unknown name (with the nearest valid ones), a wrong type or a value
+                out of range.
+        """
+        if not isinstance(mapping, Mapping):
+            raise ConfigError(f'{where or cls.__name__}: {brief(mapping)} is not a mapping of '
+                              'parameter names to values')
+        fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+        hints = _hints(cls)
+        values: dict[str, Any] = {}
+        for key, value in nest(mapping, where).items():
+            name = f'{where}.{key}' if where else key
+            if key in cls.gone:
+                if value != cls.gone[key]:
+                    log.warning('%s: there is no such parameter any more; %s is ignored',
+                                _shown(name), brief(value))
+                continue
+            if key not in fields:
+                raise ConfigError(f'{_shown(name)}: no such parameter; {nearest(key, fields)}')
+            if 'info' in fields[key].metadata:
+                values[key] = check(name, value, hints[key], fields[key].metadata['info'])
+            elif 'named' in fields[key].metadata:
+                values[key] = _named_sets(fields[key].metadata['named'], value, name)
+            else:
+                values[key] = hints[key].from_mapping(value, name)
+        try:
+            return cls(**values)
+        except ConfigError as error:
+            raise ConfigError(f'{where}.{error}' if where else str(error)) from None
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return nested plain values (lists for tuples), the inverse of `from_mapping`."""
+        result: dict[str, Any] = {}
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, Named):
+                if not value:
+                    continue        # ROS 2 has no empty groups
+                value = {name: one.to_mapping() for name, one in value.items()}
+            elif isinstance(value, Parameters):
+                value = value.to_mapping()
+            elif isinstance(value, tuple):
+                value = list(value)
+            result[field.name] = value
+        return result
+
+    def flatten(self, prefix: str = '',
+                documented: bool = False) -> Iterator[tuple[str, Any, ParamInfo, Any]]:
+        """Yield (dotted name, value, info, type) of every parameter.
+
+        Args:
+            documented: For each `Named` field, yield one set with its defaults, called NAME.
+        """
+        hints = _hints(type(self))
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, Named):
+                sets = {NAME: field.metadata['named']()} if documented else value
+                for name, one in sets.items():
+                    yield from one.flatten(f'{prefix}{field.name}.{name}.', documented)
+            elif isinstance(value, Parameters):
+                yield from value.flatten(f'{prefix}{field.name}.', documented)
+            else:
+                yield prefix + field.name, value, field.metadata['info'], hints[field.name]
+
+
+def _named_sets(cls: type[T], value: Any, where: str) -> Named[T]:
+    """Return parameter sets by their names; `where` prefixes names in errors."""
+    if not isinstance(value, Mapping):
+        raise ConfigError(f'{where}: {brief(value)} is not a mapping of names to parameters')
+    return Named({name: cls.from_mapping(one, f'{where}.{checked_name(name, where)}')
+                  for name, one in nest(value, where).items()})
+
+
+def nest(mapping: Mapping[str, Any], where: str = '') -> dict[str, Any]:
+    """Return the mapping with dotted keys turned into nested mappings.
+
+    Args:
+        where: Prefix of names in errors.
+
+    Raises:
+        ConfigError: If a key is not text, or if a parameter is given twice: nested and dotted.
+    """
+    result: dict[str, Any] = {}
+    for key, value in mapping.items():
+        if not isinstance(key, str):
+            raise ConfigError(f'{where + "." if where else ""}{brief(key)}: a parameter name is '
+                              'text')
+        head, _, tail = key.partition('.')
+        _add(result, head, {tail: value} if tail else value, where)
+    return result
+
+
+def _add(nested: dict[str, Any], key: str, value: Any, where: str) -> None:
+    """Add a value, or the values of a mapping; raise ConfigError if a parameter is there."""
+    name = f'{where}.{key}' if where else key
+    if key not in nested:
+        nested[key] = value
+    elif isinstance(value, Mapping) and isinstance(nested[key], Mapping):
+        nested[key] = nest(nested[key], name)
+        for part, part_value in nest(value, name).items():
+            _add(nested[key], part, part_value, name)
+    else:
+        raise ConfigError(f'{_shown(name)}: is given twice')
+
+
+def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `base` with its values replaced by those of `over`, mapping by mapping."""
+    result = dict(base)
+    for key, value in over.items():
+        if isinstance(value, Mapping) and isinstance(result.get(key), Mapping):
+            result[key] = merge(result[key], value)
+        else:
+            result[key] = value
+    return result
+
+
+def replaced(config: D, values: Mapping[str, Any]) -> D:
+    """Return a dataclass with some values replaced, which dotted names may seek in nested ones."""
+    changes = {name: value for name, value in values.items() if '.' not in name}
+    nested: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        head, dot, rest = name.partition('.')
+        if dot:
+            nested.setdefault(head, {})[rest] = value
+    for head, parts in nested.items():
+        changes[head] = replaced(getattr(config, head), parts)
+    return dataclasses.replace(config, **changes)   # type: ignore[type-var]
+
+
+def check(name: str, value: Any, kind: Any, info: ParamInfo) -> Any:
+    """Return `value` in its declared type, or raise ConfigError that names `name` and the bound.
+
+    A whole number is accepted where a float is declared, and NumPy's numbers and arrays where
+    those of Python are; nothing else is converted.
+    """
+    if isinstance(value, (np.generic, np.ndarray)):
+        value = value.tolist()
+    kind_name = _kind_name(kind)
+    if kind_name in _ARRAYS:
+        if isinstance(value, (str, bytes)) or not isinstance(value, Sequence):
+            raise ConfigError(f'{name}: {brief(value)} is not a list')
+        items = tuple(_scalar(name, item, _ARRAYS[kind_name]) for item in value)
+        if info.length is not None and len(items) != info.length:
+            raise ConfigError(f'{name}: {len(items)} elements given; valid is {info.valid()}')
+        for item in items:
+            _bound(name, item, info)
+        return items
+    if info.choices and not isinstance(value, str):
+        raise ConfigError(f'{name}: {brief(value)} is not valid; valid is {info.valid()}')
+    value = _scalar(name, value, _SCALARS[kind_name])
+    _bound(name, value, info)
+    return value
+
+
+def _scalar(name: str, value: Any, kind: type) -> Any:
+    if isinstance(value, int) and not -INT64 <= value < INT64:
+        raise ConfigError(f'{name}: {brief(value)} is not valid; valid are 64 bits')
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        words = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'text'}
+        raise ConfigError(f'{name}: {brief(value)} is not {words[kind]}')
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(f'{name}: {value!r} is not a finite number')
+    return value
+
+
+def _bound(name: str, value: Any, info: ParamInfo) -> None:
+    if info.choices and value not in info.choices:
+        # What is near to the only one may be a name that is valid elsewhere.
+        hint = (nearest(value, info.choices) if len(info.choices) > 1
+                else f'valid is {info.choices[0]}')
+        raise ConfigError(f'{name}: {brief(value)} is not valid; {hint}')
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        too_low = info.low is not None and (value < info.low
+                                            or (info.open_low and value == info.low))
+        too_high = info.high is not None and (value > info.high
+                                              or (info.open_high and value == info.high))
+        if too_low or too_high:
+            raise ConfigError(f'{name}: {value} is not valid; valid is {info.valid()}')
+
+
+def _shown(name: str) -> str:
+    return name if name.isprintable() and len(name) <= 120 else brief(name)
+
+
+def _hints(cls: type) -> dict[str, Any]:
+    if cls not in _HINTS:
+        _HINTS[cls] = typing.get_type_hints(cls)
+    return _HINTS[cls]
+
+
+def _kind_name(kind: Any) -> str:
+    return kind.__name__ if isinstance(kind, type) and not typing.get_args(kind) else str(kind)

@@ -1,0 +1,366 @@
+"""The topic contract: name, type, rate class and frame of everything the graph publishes.
+
+Nodes, recorder, bag check and documentation all read this one table. Names are relative, so that
+namespaces and remappings apply.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import dataclasses
+import re
+
+from lunar_rover_sim.base import frames
+from lunar_rover_sim.base.named_sets import NAME
+
+LEG = 'LEG'          # stands for the name of a leg in the topics that each leg has
+
+STATE = 'state'      # every publishing period of physics, 200 Hz by default
+FRAME = 'frame'      # every camera frame, 20 Hz by default
+DEPTH_FRAME = 'depth frame'     # every n-th of them, 10 Hz by default
+SCAN = 'scan'        # every period of the LiDAR, 10 Hz by default
+LATCHED = 'latched'  # once, and to every late joiner
+EVENT = 'event'      # irregular
+
+
+@dataclasses.dataclass(frozen=True)
+class Topic:
+    """One line of the contract.
+
+    Attributes:
+        type: As ROS 2 writes it, `package/msg/Name`.
+        rate: STATE, FRAME, DEPTH_FRAME, SCAN, LATCHED or EVENT.
+        frame_id: That of the header; empty where the type has none.
+        on_request: Made only while somebody subscribes; a recorder of all topics leaves it out.
+    """
+
+    name: str
+    type: str
+    rate: str
+    node: str
+    frame_id: str = ''
+    note: str = ''
+    on_request: bool = False
+
+    def frame(self, separate_truth: bool) -> str:
+        """Return the frame of its header.
+
+        True poses keep the world frame when `odom` belongs to an estimator.
+
+        Args:
+            separate_truth: Whether it does.
+        """
+        in_world = self.frame_id == frames.ODOM_FRAME and self.name != 'odom'
+        return frames.TRUE_ODOM_FRAME if separate_truth and in_world else self.frame_id
+
+    @property
+    def graph_name(self) -> str:
+        """The name as nodes use it: relative, but for what all nodes of a graph share."""
+        return f'/{self.name}' if self.name in ('clock', 'diagnostics') else self.name
+
+
+CLOCK = Topic('clock', 'rosgraph_msgs/msg/Clock', STATE, 'physics_node', '',
+              'integer step count times integer ns; `/clock` in every namespace, since '
+              'use_sim_time looks for it there')
+ODOM = Topic('odom', 'nav_msgs/msg/Odometry', STATE, 'physics_node', frames.ODOM_FRAME,
+             'true pose and twist; twist in base_link; not where `separate_truth` is set')
+TRUE_ODOM = Topic('ground_truth/odom', 'nav_msgs/msg/Odometry', STATE, 'physics_node',
+                  frames.TRUE_ODOM_FRAME, 'the same instead, where `separate_truth` is set')
+JOINT_STATES = Topic('joint_states', 'sensor_msgs/msg/JointState', STATE, 'physics_node', '',
+                     'leg angles [rad, unwrapped], velocities [rad/s], motor torques [N m]')
+IMU_RAW = Topic('imu/data_raw', 'sensor_msgs/msg/Imu', STATE, 'physics_node', frames.IMU_FRAME,
+                'noisy specific force and rate; no orientation (REP-145)')
+IMU_TRUTH = Topic('ground_truth/imu', 'sensor_msgs/msg/Imu', STATE, 'physics_node',
+                  frames.IMU_FRAME, 'noise-free signal with orientation')
+IMU_BIAS = Topic('ground_truth/imu_bias', 'geometry_msgs/msg/AccelStamped', STATE, 'physics_node',
+                 frames.IMU_FRAME, 'true bias: accelerometer [m/s^2], gyroscope [rad/s]')
+CONTACT = Topic(f'contacts/{LEG}', 'geometry_msgs/msg/WrenchStamped', STATE, 'physics_node',
+                frames.leg_frame(LEG), 'of each leg: ground reaction on it, torque about its axle '
+                '[N, N m]')
+GROUND_CHANGES = Topic('ground/changes', 'sensor_msgs/msg/PointCloud2', FRAME, 'physics_node',
+                       frames.ODOM_FRAME, 'where ground.model is regolith: samples that changed '
+                       'since the message before; height_change and compaction are absolute [m]')
+GROUND_SNAPSHOT = Topic('ground/snapshot', 'sensor_msgs/msg/PointCloud2', LATCHED, 'physics_node',
+                        frames.ODOM_FRAME, 'where ground.model is regolith: all changed samples, '
+                        'anew for every reader that joins', on_request=True)
+SINKAGE = Topic('ground_truth/sinkage', 'sensor_msgs/msg/JointState', STATE, 'physics_node',
+                frames.BASE_FRAME, 'where ground.model is regolith: position is how deep each leg '
+                'stands in the ground [m]', on_request=True)
+FOOT_SLIP = Topic('ground_truth/slip', 'sensor_msgs/msg/JointState', STATE, 'physics_node',
+                  frames.BASE_FRAME, 'velocity: slip and sweep of each foot along the heading '
+                  '[m/s]; position: their sums [m]', on_request=True)
+WHEEL_ODOM = Topic('wheel/odometry', 'nav_msgs/msg/Odometry', STATE, 'physics_node',
+                   frames.WHEEL_ODOM_FRAME, 'pose and twist from the encoders of the legs alone, '
+                   'with their covariance', on_request=True)
+POWER = tuple(
+    Topic(f'power/{line}', 'sensor_msgs/msg/BatteryState', STATE, 'physics_node', '',
+          f'voltage and current in the supply line of {of}, as a power monitor shows them; '
+          'negative where power is drawn [V, A]', on_request=True)
+    for line, of in ((LEG, 'the motor of each leg'), ('bus', 'all motors')))
+SUN_SENSOR = Topic('sun_sensor/direction', 'geometry_msgs/msg/Vector3Stamped', EVENT,
+                   'physics_node', frames.BASE_FRAME, 'measured unit vector to the sun, at '
+                   'sun_sensor.rate_hz; silent in shadow', on_request=True)
+STAR_TRACKER = Topic('star_tracker/attitude', 'sensor_msgs/msg/Imu', EVENT, 'physics_node',
+                     frames.BASE_FRAME, 'measured orientation of base_link in the world with its '
+                     'covariance, at star_tracker.rate_hz; silent while stars cannot be seen',
+                     on_request=True)
+SOLAR_POWER = Topic('power/solar', 'sensor_msgs/msg/BatteryState', EVENT, 'physics_node', '',
+                    'voltage and current that the solar panel gives to the supply [V, A], at '
+                    'solar_panel.rate_hz; 0 in shadow', on_request=True)
+JOINT_COMMANDS = Topic('joint_commands', 'sensor_msgs/msg/JointState', STATE,
+                       'gait_controller_node', '',
+                       'velocity command [rad/s], reference angle [rad]; stamp = state answered')
+CMD_VEL = Topic('cmd_vel', 'geometry_msgs/msg/TwistStamped', EVENT, 'drive_node',
+                frames.BASE_FRAME, 'Twist where enable_stamped_cmd_vel is false')
+LEFT_IMAGE = Topic('stereo/left/image_raw', 'sensor_msgs/msg/Image', FRAME, 'render_node',
+                   frames.LEFT_OPTICAL_FRAME, 'mono8')
+RIGHT_IMAGE = Topic('stereo/right/image_raw', 'sensor_msgs/msg/Image', FRAME, 'render_node',
+                    frames.RIGHT_OPTICAL_FRAME, 'mono8')
+LEFT_INFO = Topic('stereo/left/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
+                  frames.LEFT_OPTICAL_FRAME, 'REP-104; the stamp is the middle of the exposure, '
+                  'with a rolling shutter of that of the middle row')
+RIGHT_INFO = Topic('stereo/right/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
+                   frames.RIGHT_OPTICAL_FRAME, 'REP-104; P[3] = -fx B')
+EXPOSURE = Topic('stereo/exposure', 'sensor_msgs/msg/JointState', FRAME, 'render_node',
+                 frames.LEFT_OPTICAL_FRAME, 'position: exposure time of the left and the right '
+                 'image [s]')
+DISPARITY = Topic('stereo/disparity', 'stereo_msgs/msg/DisparityImage', DEPTH_FRAME,
+                  'render_node', frames.LEFT_OPTICAL_FRAME,
+                  'semi-global matching on the rendered pair')
+DEPTH = Topic('stereo/depth/image', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
+              frames.LEFT_OPTICAL_FRAME, 'depth from SGM, 32FC1 [m], NaN where unknown (REP-118)')
+DEPTH_INFO = Topic('stereo/depth/camera_info', 'sensor_msgs/msg/CameraInfo', DEPTH_FRAME,
+                   'render_node', frames.LEFT_OPTICAL_FRAME,
+                   'that of the left camera, beside the depth image')
+LEFT_COMPRESSED = Topic('stereo/left/image_raw/compressed', 'sensor_msgs/msg/CompressedImage',
+                        FRAME, 'render_node', frames.LEFT_OPTICAL_FRAME,
+                        'JPEG or PNG, as compressed_image_transport', on_request=True)
+RIGHT_COMPRESSED = Topic('stereo/right/image_raw/compressed', 'sensor_msgs/msg/CompressedImage',
+                         FRAME, 'render_node', frames.RIGHT_OPTICAL_FRAME,
+                         'JPEG or PNG, as compressed_image_transport', on_request=True)
+POINTS = Topic('stereo/points2', 'sensor_msgs/msg/PointCloud2', DEPTH_FRAME, 'render_node',
+               frames.LEFT_OPTICAL_FRAME, 'from SGM: x, y, z [m], intensity of the left image; '
+               'one point a pixel, NaN where unknown', on_request=True)
+TRUE_DEPTH = Topic('ground_truth/depth/image', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
+                   frames.LEFT_OPTICAL_FRAME, 'depth of the scene, 32FC1 [m], +Inf for the sky')
+CHASE_IMAGE = Topic('chase/image_raw', 'sensor_msgs/msg/Image', EVENT, 'render_node',
+                    frames.CHASE_OPTICAL_FRAME, 'the rover from outside, where chase.enabled is '
+                    'set; at chase.rate_hz', on_request=True)
+CHASE_INFO = Topic('chase/camera_info', 'sensor_msgs/msg/CameraInfo', EVENT, 'render_node',
+                   frames.CHASE_OPTICAL_FRAME, 'that of the chase camera', on_request=True)
+CHASE_POSE = Topic('chase/pose', 'geometry_msgs/msg/PoseStamped', EVENT, 'render_node',
+                   frames.ODOM_FRAME, 'of its optical frame, which moves', on_request=True)
+HAZARD_IMAGE = Topic(f'hazard/{NAME}/image_raw', 'sensor_msgs/msg/Image', EVENT, 'render_node',
+                     f'hazard_{NAME}_optical_frame', 'of each camera in hazard, at its rate_hz; '
+                     f'of a pair, hazard/{NAME}/left/image_raw and right', on_request=True)
+HAZARD_INFO = Topic(f'hazard/{NAME}/camera_info', 'sensor_msgs/msg/CameraInfo', EVENT,
+                    'render_node', f'hazard_{NAME}_optical_frame', 'equidistant or plumb_bob; of '
+                    'a pair, also left and right', on_request=True)
+LABELS = Topic('ground_truth/labels', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
+               frames.LEFT_OPTICAL_FRAME, 'mono16: what each pixel shows, see '
+               '`ground_truth/label_info`', on_request=True)
+CRATERS = Topic('ground_truth/craters', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
+                frames.LEFT_OPTICAL_FRAME, 'mono16: number of the youngest crater that the ground '
+                'lies in, 0 outside all', on_request=True)
+SHADOW = Topic('ground_truth/shadow', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
+               frames.LEFT_OPTICAL_FRAME, 'rgb8, over 255: share of the sun that is seen, '
+               'share that only the rover hides, how partly it is lit', on_request=True)
+NORMALS = Topic('ground_truth/normals', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
+                frames.LEFT_OPTICAL_FRAME, '32FC3: unit normals of the surface, 0 for the sky',
+                on_request=True)
+OPTICAL_FLOW = Topic('ground_truth/optical_flow', 'sensor_msgs/msg/Image', DEPTH_FRAME,
+                     'render_node', frames.LEFT_OPTICAL_FRAME, '32FC2: from each pixel to its '
+                     'place in the frame of the message before [px]', on_request=True)
+SCENE_FLOW = Topic('ground_truth/scene_flow', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
+                   frames.LEFT_OPTICAL_FRAME, '32FC3: the same from point to point [m], NaN for '
+                   'the sky', on_request=True)
+OF_RIGHT = tuple(
+    dataclasses.replace(left, name=left.name.replace('/', '/right/', 1), note=f'as {left.name}, '
+                        'of the right camera', frame_id=frames.RIGHT_OPTICAL_FRAME,
+                        on_request=True)
+    for left in (TRUE_DEPTH, LABELS, CRATERS, SHADOW, NORMALS))
+RIGHT_TRUE_DEPTH, RIGHT_LABELS, RIGHT_CRATERS, RIGHT_SHADOW, RIGHT_NORMALS = OF_RIGHT
+# Pictures of images of two or three floats, which viewers do not show.
+OF_COLOURS = tuple(
+    Topic(f'{shown.name}/image_color', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
+          shown.frame_id, f'rgb8, for viewers: {shown.name}, {colours}', on_request=True)
+    for shown, colours in (
+        (NORMALS, '127.5 (1 + n); black for the sky'),
+        (RIGHT_NORMALS, '127.5 (1 + n); black for the sky'),
+        (OPTICAL_FLOW, 'the hue is its direction, the brightness its length, full at 32 px'),
+        (SCENE_FLOW, 'the hue is its direction in the image, the brightness its length across '
+                     'it, full at 0.1 m')))
+NORMALS_COLOUR, RIGHT_NORMALS_COLOUR, FLOW_COLOUR, SCENE_FLOW_COLOUR = OF_COLOURS
+HAZARD_LABELS = Topic(f'ground_truth/hazard/{NAME}/labels', 'sensor_msgs/msg/Image', EVENT,
+                      'render_node', f'hazard_{NAME}_optical_frame', 'as ground_truth/labels, of '
+                      'a hazard camera', on_request=True)
+HAZARD_CRATERS = Topic(f'ground_truth/hazard/{NAME}/craters', 'sensor_msgs/msg/Image', EVENT,
+                       'render_node', f'hazard_{NAME}_optical_frame', 'as ground_truth/craters, '
+                       'of a hazard camera', on_request=True)
+HAZARD_DEPTH = Topic(f'ground_truth/hazard/{NAME}/depth/image', 'sensor_msgs/msg/Image', EVENT,
+                     'render_node', f'hazard_{NAME}_optical_frame', 'as ground_truth/depth/image, '
+                     'of a hazard camera; of a fisheye the distance from it', on_request=True)
+OF_HAZARD = HAZARD_IMAGE, HAZARD_INFO, HAZARD_LABELS, HAZARD_CRATERS, HAZARD_DEPTH
+LABEL_INFO = Topic('ground_truth/label_info', 'std_msgs/msg/String', LATCHED, 'render_node', '',
+                   'names of the labels, as JSON with the fields of vision_msgs/LabelInfo, and '
+                   'catalogues of rocks and craters', on_request=True)
+BOXES = Topic('ground_truth/boxes', 'vision_msgs/msg/Detection2DArray', DEPTH_FRAME,
+              'render_node', frames.LEFT_OPTICAL_FRAME, 'boxes of rocks and craters that show 10 '
+              'pixels or more, where vision_msgs is installed', on_request=True)
+MISCALIBRATION = Topic('ground_truth/miscalibration', 'std_msgs/msg/String', LATCHED,
+                       'render_node', '', 'how the right camera differs from its CameraInfo, '
+                       'as JSON, where miscalibration is set')
+LABEL_CLASSES = Topic('ground_truth/label_classes', 'vision_msgs/msg/LabelInfo', LATCHED,
+                      'render_node', frames.LEFT_OPTICAL_FRAME, 'names of the labels, where '
+                      'vision_msgs is installed', on_request=True)
+VISION_INFO = Topic('ground_truth/vision_info', 'vision_msgs/msg/VisionInfo', LATCHED,
+                    'render_node', frames.LEFT_OPTICAL_FRAME, 'how labels and boxes are made, and '
+                    'the hash of the world, where vision_msgs is installed', on_request=True)
+LIDAR_POINTS = Topic('lidar/points', 'sensor_msgs/msg/PointCloud2', EVENT, 'lidar_node',
+                     frames.LIDAR_FRAME, 'x, y, z [m], intensity [%], ring, time [s] as drivers '
+                     'of Velodyne name them; each point as the sensor sees it at its time. The '
+                     'stamp is the start of the scan', on_request=True)
+LIDAR_DESKEWED = Topic('lidar/points_deskewed', 'sensor_msgs/msg/PointCloud2', EVENT,
+                       'lidar_node', frames.LIDAR_FRAME, 'the same points in the frame of the '
+                       'start of the scan, by the true motion', on_request=True)
+LIDAR_SCAN = Topic('lidar/scan', 'sensor_msgs/msg/LaserScan', EVENT, 'lidar_node',
+                   frames.LIDAR_FRAME, 'one ring of it, inf where nothing returns',
+                   on_request=True)
+OF_LIDAR = LIDAR_POINTS, LIDAR_DESKEWED, LIDAR_SCAN
+LIDAR_SCANNED = Topic('lidar/scanned', 'std_msgs/msg/Header', SCAN, 'lidar_node', '',
+                      'stamp by whose time all scans that had ended are published, for those who '
+                      'read them')
+SUN = Topic('sun', 'geometry_msgs/msg/Vector3Stamped', LATCHED, 'render_node', frames.ODOM_FRAME,
+            'unit vector to the sun; that of a date moves: a message every `sun.step_deg`, '
+            'stamped with the time from which it holds')
+WORLD_HASH = Topic('world_hash', 'std_msgs/msg/String', LATCHED, 'physics_node', '',
+                   'content hash of the world that physics collides with')
+ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', LATCHED, 'physics_node', '',
+                          'URDF')
+SCENARIO = Topic('scenario', 'std_msgs/msg/String', LATCHED, 'recorder_node', '',
+                 'resolved scenario, YAML')
+TF = Topic('tf', 'tf2_msgs/msg/TFMessage', STATE, 'physics_node', frames.ODOM_FRAME,
+           'odom to base_link, and from there to the legs; without tf2_msgs in bags only')
+TF_STATIC = Topic('tf_static', 'tf2_msgs/msg/TFMessage', LATCHED, 'physics_node',
+                  frames.BASE_FRAME, 'sensors on base_link; without tf2_msgs in bags only')
+RECORDED = Topic('recorder/written', 'std_msgs/msg/Header', EVENT, 'recorder_node', '',
+                 'stamp up to which everything is written')
+DIAGNOSTICS = Topic('diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', EVENT, 'physics_node',
+                    '', 'once per second of wall time, by render_node, recorder_node, slam_node '
+                    'and pose_bridge_node too; the name is absolute, /diagnostics, as '
+                    'diagnostic_updater has it',
+                    on_request=True)
+SLAM_POSE = Topic('slam/pose', 'geometry_msgs/msg/PoseStamped', EVENT, 'slam_node', '',
+                  'of the left camera in the map of the program, for every tracked frame')
+SLAM_STATUS = Topic('slam/status', 'diagnostic_msgs/msg/DiagnosticArray', FRAME, 'slam_node', '',
+                    'initialising, tracking or lost, with the stamp of the frame; in lockstep of '
+                    'every frame')
+TRAVERSABILITY = Topic('map/traversability', 'nav_msgs/msg/OccupancyGrid', DEPTH_FRAME,
+                       'mapping_node', frames.ODOM_FRAME, '0 free to 99, 100 not to be crossed, '
+                       '-1 unknown; map_load_time is the stamp of the newest depth in it')
+ELEVATION = Topic('map/elevation', 'sensor_msgs/msg/PointCloud2', EVENT, 'mapping_node',
+                  frames.ODOM_FRAME, 'x, y, z [m] and standard deviation of z of the known cells, '
+                  'every mapping_node.elevation_period_s')
+GRID_MAP = Topic('map/grid_map', 'grid_map_msgs/msg/GridMap', EVENT, 'mapping_node',
+                 frames.ODOM_FRAME, 'elevation, variance, traversability, beside map/elevation, '
+                 'where grid_map_msgs is installed', on_request=True)
+PLAN = Topic('plan', 'nav_msgs/msg/Path', EVENT, 'navigator_node', frames.ODOM_FRAME,
+             'what the navigator follows; sent when it changes, empty without a plan')
+GOAL = Topic('goal', 'geometry_msgs/msg/PoseStamped', EVENT, 'navigator_node', frames.ODOM_FRAME,
+             'what it drives to, sent when that changes')
+NAVIGATOR_STATUS = Topic('navigator/status', 'diagnostic_msgs/msg/DiagnosticArray', EVENT,
+                         'navigator_node', '', 'waiting, following, looking, backing off, arrived '
+                         'or failed, with its reason; sent when that changes')
+NAVIGATED = Topic('navigator/finished', 'std_msgs/msg/Header', EVENT, 'navigator_node', '',
+                  'stamp at which a run ends, since the navigator has arrived or given up')
+TELEPORT = Topic('teleport', 'geometry_msgs/msg/PoseStamped', EVENT, 'pose_bridge_node', '',
+                 'base_link in the world of the other simulator; the frame is what that wants',
+                 on_request=True)
+BRIDGED_JOINTS = Topic('pose_bridge/joint_states', 'sensor_msgs/msg/JointState', EVENT,
+                       'pose_bridge_node', '', 'joint_states of the states that are sent, with '
+                       'their stamps', on_request=True)
+SHOWN = Topic('pose_bridge/shown', 'std_msgs/msg/Header', EVENT, 'pose_bridge_node', '',
+              'stamp of the newest state that the other simulator has taken', on_request=True)
+
+CONTRACT: tuple[Topic, ...] = (
+    CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, CONTACT, GROUND_CHANGES,
+    GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, *POWER, SUN_SENSOR, STAR_TRACKER, SOLAR_POWER,
+    JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, EXPOSURE, DISPARITY,
+    DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, LABELS, CRATERS,
+    SHADOW, NORMALS, OPTICAL_FLOW, SCENE_FLOW, *OF_RIGHT, *OF_COLOURS, LABEL_INFO, BOXES,
+    MISCALIBRATION, LABEL_CLASSES, VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD,
+    *OF_LIDAR, LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
+    RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TRAVERSABILITY, ELEVATION, GRID_MAP, PLAN,
+    GOAL, NAVIGATOR_STATUS, NAVIGATED, TELEPORT, BRIDGED_JOINTS, SHOWN)
+# What the navigator reads; its users publish it.
+GOAL_POSE = Topic('goal_pose', 'geometry_msgs/msg/PoseStamped', EVENT, '')
+WAYPOINTS = Topic('waypoints', 'nav_msgs/msg/Path', EVENT, '')
+# One of each with every stereo pair: the first that is recorded tells of all.
+OF_PAIRS: tuple[Topic, ...] = (LEFT_IMAGE, LEFT_INFO)
+# For these a pair is exposed.
+OF_IMAGES: tuple[Topic, ...] = (LEFT_IMAGE, RIGHT_IMAGE, LEFT_COMPRESSED, RIGHT_COMPRESSED,
+                                DISPARITY, DEPTH, POINTS)
+# Of a package that may not be installed.
+OF_VISION: tuple[Topic, ...] = (BOXES, LABEL_CLASSES, VISION_INFO)
+OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)
+
+_HAZARD = tuple((topic, re.compile(topic.name.replace(NAME, '([a-z0-9_]+(?:/left|/right)?)')))
+                for topic in OF_HAZARD)
+_EXACT = {topic.name: topic for topic in CONTRACT}
+_OF_LEG = tuple((topic, re.compile(topic.name.replace(LEG, '([a-z][a-z0-9_]*)')))
+                for topic in CONTRACT if LEG in topic.name)
+
+
+def of_legs(listed: Iterable[Topic], legs: Iterable[str]) -> tuple[Topic, ...]:
+    """Return topics of which those that each leg has are there once for each of the legs."""
+    names = tuple(legs)
+    return tuple(one for topic in listed for one in (
+        [dataclasses.replace(topic, name=topic.name.replace(LEG, leg),
+                             frame_id=topic.frame_id.replace(LEG, leg)) for leg in names]
+        if LEG in topic.name else [topic]))
+
+
+def of_leg(name: str) -> tuple[Topic, str] | None:
+    """Return which topic of each leg a relative name is, and of which leg; None if it is none."""
+    for topic, pattern in _OF_LEG:
+        match = pattern.fullmatch(name)
+        if match is not None and name not in _EXACT:
+            return topic, match[1]
+    return None
+
+
+def topic_of(name: str) -> Topic | None:
+    """Return the topic of the contract that a relative name is; None if it is none.
+
+    Of what each leg or each hazard camera has, that is the topic that stands for all of them.
+    """
+    if name in _EXACT:
+        return _EXACT[name]
+    found = of_leg(name) or of_hazard(name)
+    return None if found is None else found[0]
+
+
+def legs_of(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the legs, sorted, whose topics are among full or relative names."""
+    found = (of_leg('/'.join(name.split('/')[-2:])) for name in names)
+    return tuple(sorted({one[1] for one in found if one is not None}))
+
+
+def hazard(camera: str) -> tuple[Topic, ...]:
+    """Return the topics of a hazard camera, in the order of OF_HAZARD.
+
+    Args:
+        camera: Its name; of a pair, with /left or /right.
+    """
+    frame_id = HAZARD_IMAGE.frame_id.replace(NAME, camera.replace('/', '_'))
+    return tuple(dataclasses.replace(topic, name=topic.name.replace(NAME, camera),
+                                     frame_id=frame_id) for topic in OF_HAZARD)
+
+
+def of_hazard(name: str) -> tuple[Topic, str] | None:
+    """Return which of OF_HAZARD a relative name is, and of which camera; None if it is none."""
+    for topic, pattern in _HAZARD:
+        match = pattern.fullmatch(name)
+        if match is not None:
+            return topic, match[1]
+    return None

@@ -1,0 +1,1 @@
+"""The Moon: terrain as a world folder, and regolith that gives."""

@@ -1,0 +1,89 @@
+"""Loose soil of a world: rims and ejecta of fresh craters, and slopes.
+
+Houston et al. (1974, from memory) found, by the depth of bootprints, the soil of crater rims more
+porous than that between craters, and of slopes too. How much looser is a choice: the most is
+what the preset `highland_loose` is beside `highland`. Ejecta thin out as (r / R)^-3 beyond the
+rim (McGetchin et al. 1973), and a crater counts as fresh up to half of its lifetime.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.ground.regolith.soil import PRESETS
+from lunar_rover_sim.ground.world.craters import Craters
+from lunar_rover_sim.ground.world.grid import HeightGrid, window_of
+from lunar_rover_sim.ground.world.model import World
+
+CELL_M = 0.1
+FRESH = 0.5                   # age of a crater, in lifetimes, from which on it no longer counts
+LEAST_DIAMETER_M = 0.5
+REACH = 4.0                   # radii: 1.6 % of the rim's looseness is left there
+AT_CENTRE = 0.3               # looseness at the centre of a crater over that of its rim
+SLOPES = math.tan(math.radians(10.0)), math.tan(math.radians(30.0))   # not loose, and loosest
+SLOPE_OVER_M = 0.5
+_LOOSE, _FIRM = PRESETS['highland_loose'], PRESETS['highland']
+# What full looseness leaves of bearing and friction.
+BEARING_RATIO = _LOOSE.zeta_npm3 / _FIRM.zeta_npm3
+FRICTION_RATIO = _LOOSE.friction / _FIRM.friction
+
+
+@dataclasses.dataclass(frozen=True)
+class SoilMap:
+    """How much looser than its preset the soil is, place by place; beyond the map it is not.
+
+    `law.looseness_factors` turns it into factors on bearing and friction.
+
+    Attributes:
+        looseness: From 0, the soil of the preset, to 1.
+        variation: 0 for a uniform soil, 1 for its full looseness.
+    """
+
+    looseness: HeightGrid
+    variation: float
+
+
+def soil_map(world: World, variation: float) -> SoilMap:
+    """Return the map of a world; variation: 0 for a uniform soil, 1 for its full looseness."""
+    n = 2 * math.ceil(world.ground.half_extent_m / CELL_M) + 1
+    firm = 1.0 - _crater_looseness(world.craters, n)
+    firm *= 1.0 - _slope_looseness(world.ground, n)
+    return SoilMap(HeightGrid((1.0 - firm).astype(np.float32), CELL_M), variation)
+
+
+def _crater_looseness(craters: Craters, n: int) -> Array:
+    """Return the (n, n) looseness by craters: the greatest where several overlap."""
+    field = np.zeros((n, n))
+    for i in np.flatnonzero((craters.age < FRESH) & (craters.diameter_m >= LEAST_DIAMETER_M)):
+        radius = 0.5 * craters.diameter_m[i] / CELL_M
+        x, y = craters.position_m[i] / CELL_M + 0.5 * (n - 1)
+        window = window_of(x, y, REACH * radius, n)
+        if window is None:
+            continue
+        rho = np.hypot((np.arange(window[1].start, window[1].stop) - x) / radius,
+                       ((np.arange(window[0].start, window[0].stop) - y) / radius)[:, None])
+        inside = AT_CENTRE + (1.0 - AT_CENTRE) * rho ** 2
+        loose = np.where(rho < 1.0, inside, np.where(rho < REACH, np.maximum(rho, 1.0) ** -3, 0.0))
+        field[window] = np.maximum(field[window], (1.0 - craters.age[i] / FRESH) * loose)
+    return field
+
+
+def _slope_looseness(ground: HeightGrid, n: int) -> Array:
+    """Return the (n, n) looseness by slopes over half a metre."""
+    axis = (np.arange(n) - (n - 1) / 2) * CELL_M
+    x, y = np.meshgrid(axis, axis)
+    reach = 0.5 * SLOPE_OVER_M
+    limit = ground.half_extent_m
+
+    def height(dx: float, dy: float) -> Array:
+        at = np.stack([np.clip(x + dx, -limit, limit), np.clip(y + dy, -limit, limit)], axis=-1)
+        return ground.height_at(at)
+
+    slope = np.hypot(height(reach, 0.0) - height(-reach, 0.0),
+                     height(0.0, reach) - height(0.0, -reach)) / SLOPE_OVER_M
+    part: Array = np.clip((slope - SLOPES[0]) / (SLOPES[1] - SLOPES[0]), 0.0, 1.0)
+    return part

@@ -1,0 +1,45 @@
+"""Arrays that follow from a recipe and take long to compute, kept beside the cache of worlds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import hashlib
+import json
+import logging
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.base.files.arrays import read_array
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.ground.world.cache import cache_folder
+
+logger = logging.getLogger(__name__)
+
+
+def kept(name: str, recipe: Any, make: Callable[[], NDArray[Any]]) -> NDArray[Any]:
+    """Return what `make` returns, from the file that an earlier call with this recipe left.
+
+    Args:
+        name: Of the kind of array.
+        recipe: All that the array follows from, as JSON can write it, with a number that rises
+            when the computation changes. A file that cannot be read is written again; one that
+            cannot be written is logged and left out.
+    """
+    text = json.dumps([name, recipe], sort_keys=True)
+    key = hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
+    path = cache_folder().parent / 'arrays' / f'{name}_{key}.npy'
+    try:
+        return read_array(path)
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError, EOFError) as error:
+        logger.warning('%s: %s; computing it again', path, error)
+    array = make()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        atomic_write(path, lambda file: np.save(file, array))
+    except OSError as error:
+        logger.warning('%s is not kept: %s', path, error)
+    return array

@@ -1,0 +1,1 @@
+"""What a rover sees: light, cameras, the renderer, stereo matching, LiDAR."""

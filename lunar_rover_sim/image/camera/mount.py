@@ -1,0 +1,123 @@
+"""Mounts of cameras, fixed or moving: on the rover's body, or beside the rover."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from lunar_rover_sim.base.frames import Array, se3
+from lunar_rover_sim.image.camera.motion import CameraTwist, ground_twist, leg_twists, twist_beside
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.pose import Posed
+
+
+class CameraPoses(Protocol):
+    """Where a pair of cameras is; a single camera counts as two in one place."""
+
+    def poses(self, state: Posed) -> list[Array]:
+        """Return the (4, 4) poses T_world_camera of both optical frames."""
+
+
+class Mount(CameraPoses, Protocol):
+    """What carries a pair of cameras, and how it moves."""
+
+    @property
+    def on_body(self) -> bool:
+        """Whether the rover's body stands still in the images."""
+
+    def follow(self, state: Posed, stamp_ns: int) -> None:
+        """Move with the rover; stamp_ns: simulated time [ns]."""
+
+    def ground_twist(self, state: Posed, side: int) -> CameraTwist:
+        """Return the motion of a camera (0 left, 1 right) relative to the world."""
+
+    def link_twists(self, state: Posed, side: int, rover: RoverDescription) -> list[CameraTwist]:
+        """Return its motion relative to the links of the rover, the body first."""
+
+
+class MountedPair(Protocol):
+    """A pair of cameras on the rover, such as `StereoRig`."""
+
+    @property
+    def T_base_left(self) -> Array:
+        """(4, 4) optical frame in base_link."""
+
+    @property
+    def T_base_right(self) -> Array:
+        """(4, 4) optical frame in base_link."""
+
+
+class BodyMount:
+    """Cameras that are fixed to base_link."""
+
+    on_body = True
+
+    def __init__(self, rig: MountedPair) -> None:
+        self._T_base_cameras = (rig.T_base_left, rig.T_base_right)
+
+    def follow(self, state: Posed, stamp_ns: int = 0) -> None:
+        """Do nothing: its cameras are fixed."""
+
+    def poses(self, state: Posed) -> list[Array]:
+        """Return the (4, 4) poses T_world_camera of both optical frames."""
+        return [state.T_world_base @ T for T in self._T_base_cameras]
+
+    def ground_twist(self, state: Posed, side: int) -> CameraTwist:
+        """Return the motion of a camera (0 left, 1 right) relative to the world."""
+        return ground_twist(state, self._T_base_cameras[side])
+
+    def link_twists(self, state: Posed, side: int, rover: RoverDescription) -> list[CameraTwist]:
+        """Return its motion relative to the links of the rover, the body first."""
+        still = CameraTwist(np.zeros(3), np.zeros(3))
+        return [still, *leg_twists(state, self._T_base_cameras[side], rover)]
+
+
+class MovingMount:
+    """A camera beside the rover, as `place` says; at first at the origin of the world.
+
+    Attributes:
+        T_world_camera: (4, 4) pose of its optical frame.
+    """
+
+    on_body = False
+
+    def __init__(self) -> None:
+        self.T_world_camera: Array = np.eye(4)
+        self._velocity_mps, self._rate_radps = np.zeros(3), np.zeros(3)
+
+    def place(self, T_world_camera: Array, velocity_mps: Array | None = None,
+              rate_radps: Array | None = None) -> None:
+        """Set pose and motion; velocity of the camera's centre, and rates, in world axes."""
+        self.T_world_camera = T_world_camera
+        self._velocity_mps = np.zeros(3) if velocity_mps is None else velocity_mps
+        self._rate_radps = np.zeros(3) if rate_radps is None else rate_radps
+
+    def follow(self, state: Posed, stamp_ns: int = 0) -> None:
+        """Do nothing: it is where `place` has put it."""
+
+    def poses(self, state: Posed) -> list[Array]:
+        """Return the (4, 4) pose T_world_camera, twice."""
+        return [self.T_world_camera, self.T_world_camera]
+
+    def ground_twist(self, state: Posed, side: int) -> CameraTwist:
+        """Return its motion relative to the world."""
+        R = self.T_world_camera[:3, :3]
+        return CameraTwist(self._velocity_mps @ R, self._rate_radps @ R)
+
+    def link_twists(self, state: Posed, side: int, rover: RoverDescription) -> list[CameraTwist]:
+        """Return its motion relative to the links of the rover, the body first."""
+        return twist_beside(state, self.T_world_camera, self._velocity_mps, self._rate_radps,
+                            rover)
+
+
+class TurnedMount:
+    """Cameras in the same places as those on another mount that look elsewhere."""
+
+    def __init__(self, mount: CameraPoses, R_camera_turned: Array) -> None:
+        """R_camera_turned: (3, 3) axes of these cameras in those of the others."""
+        self._mount, self._turn = mount, se3(R_camera_turned, np.zeros(3))
+
+    def poses(self, state: Posed) -> list[Array]:
+        """Return the (4, 4) poses T_world_camera of both optical frames."""
+        return [T @ self._turn for T in self._mount.poses(state)]

@@ -1,0 +1,116 @@
+"""Parameters of the light: sun, lamp, reflectance of the ground."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.parameters import group, param, Parameters
+from lunar_rover_sim.image.illumination.dates import parse_date
+
+SETS_OF_SOIL = 'highland', 'forward', 'mare', 'rock', 'basalt'
+OF_WORLD, GIVEN = 'world', 'given'
+# Of the sun: none of a disc of up to 2 deg is above the horizontal. At this elevation it is off.
+LOWEST_DEG = -1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class SunSiteConfig(Parameters):
+    """Where on the Moon the rover is, for the sun of a date."""
+
+    source: str = param(OF_WORLD, 'world: the place of the origin in the elevation model and its '
+                        'projection; given: the values below', choices=(OF_WORLD, GIVEN))
+    lon_deg: float = param(0.0, 'east longitude', unit='deg', low=-360.0, high=360.0)
+    lat_deg: float = param(0.0, 'latitude', unit='deg', low=-90.0, high=90.0)
+    grid_north_deg: float = param(0.0, 'direction of y, from true north towards east', unit='deg',
+                                  low=-360.0, high=360.0)
+
+    def validate(self) -> None:
+        """Raise ConfigError if a place is given and not used."""
+        for name in ('lon_deg', 'lat_deg', 'grid_north_deg'):
+            value = getattr(self, name)
+            if self.source == OF_WORLD and value:
+                raise ConfigError(f'{name}: {value:g} is not valid with source {OF_WORLD}; set '
+                                  f'source to {GIVEN}')
+
+
+@dataclasses.dataclass(frozen=True)
+class SunConfig(Parameters):
+    """The position and the light of the sun. It stands still unless it has a date."""
+
+    azimuth_deg: float = param(60.0, 'direction to the sun from x (east) towards y (north)',
+                               unit='deg', low=-360.0, high=360.0, live=True)
+    elevation_deg: float = param(6.0, 'height of the centre of the disc above the horizontal',
+                                 unit='deg', low=LOWEST_DEG, high=90.0, live=True)
+    angular_diameter_deg: float = param(0.533, 'apparent diameter of the disc', unit='deg',
+                                        low=0.01, high=5.0)
+    irradiance: float = param(1361.0, 'normal irradiance; 0 switches the sun off',
+                              unit='W/m^2', low=0.0, high=1e5)
+    date: str = param('', 'UTC in ISO 8601, for example 2026-11-22T06:00:00Z; azimuth and '
+                      'elevation then follow from it and from `site`. Empty: they are as they '
+                      'stand')
+    site: SunSiteConfig = group(SunSiteConfig)
+    rate: float = param(1.0, 'seconds that the sky of a date goes on per second of the run; 0: '
+                        'sun and Earth stand still', low=0.0, high=1e5)
+    allow_night: bool = param(False, 'the date may be one at which the sun is down; lamp and '
+                              'Earth may light the ground then')
+    step_deg: float = param(0.05, 'all light is computed anew when the sun of a date has moved by '
+                            'this', unit='deg', low=0.005, high=5.0)
+
+    def validate(self) -> None:
+        """Raise ConfigError if the date is none, or out of range, or the sky has none to go on."""
+        if self.date:
+            parse_date('date', self.date)
+        elif self.rate not in (0.0, 1.0):
+            raise ConfigError(f'rate: {self.rate:g} is not valid without a date; valid is 1, or '
+                              'set sun.date')
+
+    @property
+    def shines(self) -> bool:
+        """Whether any of the disc is above the horizontal."""
+        return self.irradiance > 0.0 and self.elevation_deg > -0.5 * self.angular_diameter_deg
+
+
+@dataclasses.dataclass(frozen=True)
+class EarthConfig(Parameters):
+    """The Earth, where the sun has a date."""
+
+    drawn: bool = param(True, 'draw its disc where the date puts it; without a date there is none')
+    lights_ground: bool = param(False, 'draw its light on ground, rocks and rover (earthshine), '
+                                'at most 1.3e-4 of that of the sun; needs sun.date')
+    geometric_albedo: float = param(0.434, 'brightness of the full disc over that of a white, '
+                                    'flat one; 0.434 is that in V (Mallama et al., 2017)',
+                                    low=0.0, high=2.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class ReflectanceConfig(Parameters):
+    """Kind and brightness of the regolith; the parameter sets are in `hapke`."""
+
+    ground: str = param('highland', 'parameter set of the ground',
+                        choices=SETS_OF_SOIL)
+    rocks: str = param('rock', 'parameter set of the rocks',
+                       choices=SETS_OF_SOIL)
+    albedo_scale: float = param(1.0, 'factor on the single-scattering albedo of the ground',
+                                low=0.0, high=3.0)
+    colour_spread: float = param(0.012, 'RMS variation of red over green, and of blue the other '
+                                 'way round, in patches of 5 to 23 m: titanium, iron', low=0.0,
+                                 high=0.3)
+    colour_of_fresh: float = param(0.15, 'so much less red, and more blue, is ground whose albedo '
+                                   'is higher, as powers of it: fresh soil is not yet reddened',
+                                   low=0.0, high=2.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class LampConfig(Parameters):
+    """A spot light with inverse square fall-off and a shadow of its own.
+
+    It sits low and to the left of the cameras, since light from their position shows no relief.
+    """
+
+    power_w: float = param(0.0, 'radiant flux; 0 switches it off', unit='W', low=0.0, high=1e4)
+    position_m: tuple[float, ...] = param((0.15, 0.08, 0.08), 'in base_link', unit='m', length=3)
+    pitch_deg: float = param(0.0, 'downward tilt', unit='deg', low=-90.0, high=90.0)
+    cone_deg: float = param(60.0, 'full angle at half intensity', unit='deg', low=1.0, high=150.0)
+    temperature_k: float = param(5000.0, 'colour of its light: that of a black body', unit='K',
+                                 low=1000.0, high=20000.0)

@@ -1,0 +1,121 @@
+"""Sunlight on a world: computed once per (world, sun)."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import time
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.rocks import Rocks
+from lunar_rover_sim.image.illumination import rock_shadow
+from lunar_rover_sim.image.illumination.config import ReflectanceConfig, SunConfig
+from lunar_rover_sim.image.illumination.hapke import hemispherical_albedo, parameter_set
+from lunar_rover_sim.image.illumination.horizon import shadow_levels, SunGeometry
+from lunar_rover_sim.image.illumination.indirect_light import indirect_light
+
+F32 = NDArray[np.float32]
+# Cells of a level per cell of indirect light; half as many change the light in shadow by 1 %.
+_COARSE = 8
+log = logging.getLogger(__name__)
+
+
+class Sunlight:
+    """The light of the sun on all levels and on the rocks.
+
+    Attributes:
+        rocks: Those of the world, and the far ones behind them.
+        rock_share: Per level but the first, (n, n) uint8 share in the shadow of rocks; 255 is all.
+        clearance: Per level (clearance_m, occluder_m), each (n, n) float32; see `horizon`.
+        scattered: Per level indirect irradiance and lit surroundings; see `indirect_light`.
+    """
+
+    def __init__(self, world: World, sun: SunConfig, reflectance: ReflectanceConfig,
+                 direction: Array, indirect: bool = True, far: Rocks | None = None) -> None:
+        """Compute all of it; far: rocks beyond the fine ground."""
+        start = time.perf_counter()
+        self.world = world
+        self.sun = SunGeometry.towards(direction)
+        levels = shadow_levels(world.levels, self.sun)
+        self.clearance = [level.clearance() for level in levels]
+        self._levels = levels
+        self.rocks = world.rocks.joined(far) if far is not None else world.rocks
+        self.silhouettes = rock_shadow.silhouettes(self.rocks, world.rock_shapes, self.sun)
+        rock_shadow.stamp(*self.clearance[0], world.ground, self.silhouettes, self.sun)
+        self.rock_share = [rock_shadow.share(grid, self.silhouettes, self.sun,
+                                             finer.half_extent_m)
+                           for finer, grid in itertools.pairwise(world.levels)]
+        self.scattered = [self._scattered(k, sun, reflectance, direction, indirect)
+                          for k in range(len(levels))]
+        log.info('sun visibility in %.2f s', time.perf_counter() - start)
+
+    def _scattered(self, k: int, sun: SunConfig, reflectance: ReflectanceConfig, direction: Array,
+                   indirect: bool) -> tuple[F32, F32]:
+        """Return indirect irradiance and surroundings of one level, on a coarser grid."""
+        grid = self.world.levels[k]
+        n = -(-grid.n // _COARSE)
+        if not indirect or direction[2] <= 0.0 or sun.irradiance == 0.0:
+            return np.zeros((n, n), np.float32), np.zeros((n, n), np.float32)
+        clearance, occluder = self.clearance[k]
+        radius = np.radians(0.5 * sun.angular_diameter_deg)
+        lit = clearance / occluder
+        lit *= np.float32(0.5 / radius)
+        lit += np.float32(0.5)
+        np.clip(lit, 0.0, 1.0, out=lit)
+        size = (n, n)
+        albedo = hemispherical_albedo(parameter_set(reflectance.ground)) \
+            * reflectance.albedo_scale
+        heights = np.asarray(cv2.resize(grid.heights_m, size, interpolation=cv2.INTER_AREA),
+                             np.float32)
+        share = np.asarray(cv2.resize(lit, size, interpolation=cv2.INTER_AREA), np.float32)
+        return indirect_light(heights, grid.cell_m * grid.n / n, share, direction, albedo)
+
+    def light_of(self, points_m: ArrayLike) -> tuple[F32, F32]:
+        """Return clearance and occluder distance of (m, 3) points, without rocks [m]."""
+        points = np.asarray(points_m, float)
+        clearance, occluder = self._levels[-1].clearance_of(points)
+        for level in self._levels[-2::-1]:
+            inside = np.flatnonzero(level.grid.contains(points[:, :2]))
+            if len(inside):
+                clearance[inside], occluder[inside] = level.clearance_of(points[inside])
+        return clearance, occluder
+
+    def angle_above_horizon(self, points_m: ArrayLike) -> Array:
+        """Return how far the middle of the sun stands above the horizon of (m, 3) points [rad].
+
+        Rocks are left out.
+        """
+        clearance, occluder = self.light_of(points_m)
+        return np.arctan2(clearance, occluder).astype(float)
+
+    def surroundings_at(self, xy_m: ArrayLike) -> F32:
+        """Return the exitance of the ground around (..., 2) places, per normal irradiance."""
+        xy = np.asarray(xy_m, float)
+        result = np.zeros(xy.shape[:-1], np.float32)
+        for grid, (_, values) in zip(self.world.levels[::-1], self.scattered[::-1]):
+            index = (xy / grid.half_extent_m * 0.5 + 0.5) * (len(values) - 1)
+            column, row = np.moveaxis(np.clip(np.rint(index), 0, len(values) - 1), -1, 0)
+            result = np.where(grid.contains(xy), values[row.astype(int), column.astype(int)],
+                              result)
+        return result
+
+    def rock_light(self) -> F32:
+        """Return (m, 5) light on each rock, the far ones included.
+
+        Clearance and occluder distance at its foot and at its top [m], limited by the relief or
+        by another rock, whichever is higher; exitance of the ground around.
+        """
+        rocks = self.rocks
+        light = np.zeros((len(rocks), 5), np.float32)
+        for column, lift in ((0, -0.2), (2, 0.35)):
+            points = rocks.position_m.copy()
+            points[:, 2] += lift * rocks.diameter_m
+            pair = rock_shadow.darken(*self.light_of(points), points, self.silhouettes)
+            light[:, column], light[:, column + 1] = pair
+        light[:, 4] = self.surroundings_at(rocks.position_m[:, :2])
+        return light

@@ -1,0 +1,97 @@
+"""Parameters of the image: camera, light, and how much is drawn."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.parameters import group, param, Parameters
+from lunar_rover_sim.image.camera.config import (CameraConfig, check_mosaic, LensConfig,
+                                                 MiscalibrationConfig, SensorConfig)
+from lunar_rover_sim.image.illumination.config import (EarthConfig, LampConfig, ReflectanceConfig,
+                                                       SunConfig)
+
+
+@dataclasses.dataclass(frozen=True)
+class DetailConfig(Parameters):
+    """How much is drawn."""
+
+    gone = {'full_resolution_m': 2.5, 'exact_m': 14.0, 'cells_per_distance': 64.0}
+
+    relief_rms_slope: float = param(
+        0.11, 'RMS slope of each of the two tiles of relief below the grid; facets of rocks and '
+        'the soil on them are in proportion', low=0.0, high=0.6)
+    pebble_cover: float = param(0.035, 'share of the ground under pebbles below the grid',
+                                low=0.0, high=0.4)
+    pit_cover: float = param(0.16, 'share of the ground under craters below the grid', low=0.0,
+                             high=1.0)
+    relief_shape_m: float = param(
+        0.0, 'up to this distance relief below the grid has shape: depth, parallax and occlusion '
+        'follow from its heights, less and less in the last fifth; farther away it is light only; '
+        '0: nowhere', unit='m', low=0.0, high=2.5)
+    rock_min_px: float = param(0.7, 'rocks that look smaller are not drawn, in samples with '
+                               'supersampling', unit='px', low=0.0, high=20.0)
+    far_rocks_m: float = param(
+        300.0, 'beyond the fine ground, rocks are drawn up to this distance from the origin in x '
+        'or y, from 0.3 m; 0: none', unit='m', low=0.0, high=2000.0)
+    smooth_outlines: bool = param(
+        True, 'edges of ground, rocks, rover and shadows are drawn without steps')
+    supersampling: int = param(
+        1, 'light is computed for so many samples along a side of a pixel, and averaged; truth is '
+        'that of its centre', low=1, high=4)
+    bounce: bool = param(True, 'indirect light: lit ground scatters light into shadows')
+
+    def with_samples(self, least: int) -> DetailConfig:
+        """Return it with at least so many samples along a side of a pixel.
+
+        Raises:
+            ConfigError: If the number is not valid.
+        """
+        wanted = dataclasses.replace(self, supersampling=least)
+        return wanted if least > self.supersampling else self
+
+
+@dataclasses.dataclass(frozen=True)
+class TracksConfig(Parameters):
+    """How soil looks that a rover has disturbed; `illumination/hapke.py` has the reflectance.
+
+    Tracks are seen by their relief first. Disturbed soil is darker on the Moon, by a tenth or so
+    in images from orbit, and scatters less back where it is smooth; how much differs from place to
+    place, so the defaults are choices.
+    """
+
+    compacted_darkening: float = param(0.06, 'part of the albedo that compacted soil loses',
+                                       low=0.0, high=0.9)
+    loose_darkening: float = param(0.08, 'part of the albedo that soil loses which was thrown up '
+                                   'or has slid', low=0.0, high=0.9)
+    compacted_theta_deg: float = param(12.0, 'mean slope of the relief too small to be drawn on '
+                                       'compacted soil', unit='deg', low=0.0, high=45.0)
+    compacted_c: float = param(-0.25, 'what compacted soil adds to the balance c of the lobes of '
+                               'the phase function: below 0 it scatters less back', low=-2.0,
+                               high=2.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class RenderConfig(Parameters):
+    """Everything about the image."""
+
+    camera: CameraConfig = group(CameraConfig)
+    miscalibration: MiscalibrationConfig = group(MiscalibrationConfig)
+    lens: LensConfig = group(LensConfig)
+    sun: SunConfig = group(SunConfig)
+    earth: EarthConfig = group(EarthConfig)
+    reflectance: ReflectanceConfig = group(ReflectanceConfig)
+    sensor: SensorConfig = group(SensorConfig)
+    detail: DetailConfig = group(DetailConfig)
+    lamp: LampConfig = group(LampConfig)
+    tracks: TracksConfig = group(TracksConfig)
+
+    def validate(self) -> None:
+        """Check parameters that depend on each other."""
+        check_mosaic(self.camera, self.sensor)
+        if self.camera.near_m >= self.camera.far_m:
+            raise ConfigError(f'camera.near_m: {self.camera.near_m} is not valid; valid is '
+                              f'< camera.far_m ({self.camera.far_m:g})')
+        if self.earth.lights_ground and not self.sun.date:
+            raise ConfigError('earth.lights_ground: true is not valid without a date, which says '
+                              'where the Earth is; set sun.date')

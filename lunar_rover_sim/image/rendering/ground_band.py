@@ -1,0 +1,210 @@
+"""A band of rows of an image of the ground: its light, its colour and its truth, loop by loop."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.image.rendering.crater_map import CraterLists
+from lunar_rover_sim.image.rendering.grid_rows import light_of_grid
+from lunar_rover_sim.image.rendering.ground_law import reflectance, relief_factor
+from lunar_rover_sim.image.rendering.ground_place import place, spread
+from lunar_rover_sim.image.rendering.lamp_rows import add_lamp, lamp_on, LampLight
+from lunar_rover_sim.image.rendering.lighting import GroundConstants
+from lunar_rover_sim.image.rendering.relief_map import ReliefShape
+from lunar_rover_sim.image.rendering.relief_rows import relief_of
+from lunar_rover_sim.image.rendering.rover_shadow import CastShadow
+from lunar_rover_sim.image.rendering.row_math import CHUNK, COLUMNS
+from lunar_rover_sim.image.rendering.shade_rows import may_shade, radiance_of, rover_shadow, shade
+from lunar_rover_sim.image.rendering.surface import SurfaceTexels
+from lunar_rover_sim.image.rendering.tint_rows import tint_of
+from lunar_rover_sim.image.rendering.track_map import TrackArrays
+from lunar_rover_sim.image.rendering.track_rows import add_prints, prints_of
+from lunar_rover_sim.image.rendering.truth_rows import light_of, shape_of
+from lunar_rover_sim.image.rendering.view import ViewNumbers
+
+F32 = NDArray[np.float32]
+
+_PIXELS = 32768         # of a band, about: the arrays of a loop stay in the cache of a core
+_NUMBERS = (
+    'depth x y z vx vy vz slope_x slope_y lit albedo below around detail level slope_ax slope_ay '
+    'slope_bx slope_by horizon_a horizon_b factor of_rover cos_i cos_e cos_g theta more_c sunlit '
+    'normal_x normal_y normal_z kept reflectance direct whole lamp lamp_i lamp_g of_lamp print_x '
+    'print_y print_horizon print_seen print_coarse pressed loose beside zero').split()
+
+
+@dataclasses.dataclass(frozen=True)
+class GroundSource:
+    """What the ground is lit with by one source of light, the sun or the Earth.
+
+    Attributes:
+        constants, texels: Of the source and of the ground under it.
+        shadow: Of the rover.
+        tracks, lamp: None where there are none.
+    """
+
+    constants: GroundConstants
+    texels: SurfaceTexels
+    tracks: TrackArrays | None
+    shadow: CastShadow
+    lamp: LampLight | None = None
+
+
+@dataclasses.dataclass
+class GroundImage:
+    """An image of the ground alone, rows of which are filled in.
+
+    Attributes:
+        depth_m: (h, w), 0 where there is none [m].
+        radiance: (h, w), None where it is not lit [W m-2 sr-1].
+        tint: (h, w) as `sensor.Tint`; None without colour.
+        label, crater: (h, w) uint16; None where truth is not asked for, as all that follow.
+        normal: (h, w, 3) world axes.
+        shadow: (h, w, 3) bytes.
+    """
+
+    depth_m: F32
+    radiance: F32 | None = None
+    tint: NDArray[np.uint32] | None = None
+    label: NDArray[np.uint16] | None = None
+    crater: NDArray[np.uint16] | None = None
+    normal: F32 | None = None
+    shadow: NDArray[np.uint8] | None = None
+
+
+class Band:
+    """Memory for a band of an image."""
+
+    def __init__(self, width: int) -> None:
+        self.rows = self.rows_of(width)
+        self._n = n = self.rows // 2 * -(-width // COLUMNS) * CHUNK
+        # A little apart: arrays at a power of two push each other out of the cache.
+        memory = np.zeros((len(_NUMBERS), n + 16), np.float32)
+        self._of = {name: row[:n] for name, row in zip(_NUMBERS, memory)}
+        self._lists: dict[str, list[F32]] = {}
+        self._bytes = np.zeros((3, n), np.uint8)
+        self._words, self._tint = np.zeros((2, n), np.uint16), np.zeros(n, np.uint32)
+
+    @staticmethod
+    def rows_of(width: int) -> int:
+        """Return how many rows, an even number, make a band of an image of this width."""
+        return 2 * max(_PIXELS // (2 * COLUMNS * -(-width // COLUMNS)), 1)
+
+    def _get(self, names: str) -> list[F32]:
+        if names not in self._lists:
+            self._lists[names] = [self._of[name] for name in names.split()]
+        return self._lists[names]
+
+    def draw(self, image: GroundImage, row: int, view: ViewNumbers, relief: ReliefShape,
+             tracks: F32, sources: list[GroundSource], lists: CraterLists | None) -> None:
+        """Fill in the rows of a band from its first one.
+
+        Args:
+            tracks: (4,) least and greatest x and y of them [m].
+            sources: Those that light these rows.
+            lists: Of craters, where they are asked for.
+        """
+        centre = np.array([*view.middle, relief.reach_m], np.float32)
+        wants_truth = image.label is not None
+        place(view.numbers, image.depth_m, row, self.rows, *self._get('depth x y z vx vy vz'))
+        if any(source.tracks is not None for source in sources) and not self._meets(tracks):
+            sources = [dataclasses.replace(source, tracks=None) for source in sources]
+        for number, source in enumerate(sources):
+            if image.radiance is not None:
+                self._light(image, row, view, source, relief, centre, add=number > 0)
+            if number == 0 and wants_truth:
+                self._tell(image, row, source, relief, centre, lists)
+
+    def _meets(self, box: F32) -> bool:
+        """Return whether any place of the band may lie in a box of x and y."""
+        if not box[0] <= box[1]:
+            return False
+        x, y = self._of['x'], self._of['y']
+        return bool(x.max() >= box[0] and x.min() <= box[1]
+                    and y.max() >= box[2] and y.min() <= box[3])
+
+    def _light(self, image: GroundImage, row: int, view: ViewNumbers, source: GroundSource,
+               relief: ReliefShape, centre: F32, *, add: bool) -> None:
+        """Light a band; add: to what is there."""
+        get, own, texels, constants = self._get, self._of, source.texels, source.constants
+        light_of_grid(
+            *get('depth x y vx vy vz'), texels.levels, texels.ground.words, texels.matter.words,
+            texels.ground.side, texels.ground.first,
+            np.array([view.pixel, constants.sun[6], *centre, texels.fine_log2, texels.last,
+                      *constants.sun[:2]], np.float32), constants.smooth,
+            *get('slope_x slope_y lit albedo below around detail level'))
+        relief_of(*get('depth x y detail'), texels.tile, texels.zone, texels.horizon,
+                  *texels.coarse, *texels.fine,
+                  *get('slope_ax slope_ay slope_bx slope_by horizon_a horizon_b'))
+        tracks = source.tracks
+        if tracks is not None:
+            self._look_up(tracks, any_level=True)
+            add_prints(*get('depth print_x print_y print_horizon print_seen print_coarse'),
+                       constants.sun, *get('slope_x slope_y beside'))
+        shadow = source.shadow.seen_from(view.camera)
+        if may_shade(*get('depth x y z'), constants.towards, shadow, source.shadow.bounds):
+            rover_shadow(*get('depth x y z'), view.numbers, constants.towards,
+                         source.shadow.silhouette(), shadow, own['of_rover'])
+        else:
+            own['of_rover'][:] = 1.0
+        relief_factor(*get('depth slope_x slope_y vx vy vz detail'),
+                      np.array([*constants.sun[:6], texels.sun_tangent], np.float32),
+                      texels.factor, own['factor'])
+        shade(*get('depth x y vx vy vz slope_x slope_y lit albedo detail slope_ax slope_ay '
+                   'slope_bx slope_by horizon_a horizon_b factor of_rover '
+                   'beside pressed loose'), constants.sun, centre, texels.scales,
+              texels.least_scales, constants.trodden, tracks is not None,
+              *get('cos_i cos_e cos_g theta more_c sunlit normal_x normal_y normal_z kept'))
+        reflectance(*get('cos_i cos_e cos_g theta albedo more_c'), constants.law,
+                    own['reflectance'])
+        radiance_of(*get('reflectance lit albedo below around normal_z'), constants.irradiance,
+                    constants.diffuse, *get('direct whole'))
+        if source.lamp is not None:
+            lamp = source.lamp
+            lamp_on(*get('depth x y z vx vy vz slope_x slope_y normal_x normal_y normal_z kept'),
+                    lamp.numbers(view.camera), lamp.clip, lamp.shadow, relief.shape,
+                    relief.numbers, centre, *get('lamp lamp_i lamp_g'))
+            reflectance(*get('lamp_i cos_e lamp_g theta albedo more_c'), constants.law,
+                        own['reflectance'])
+            add_lamp(*get('reflectance lamp of_lamp whole'))
+        assert image.radiance is not None
+        spread(self.rows, row, own['whole'], image.radiance, add)
+        if image.tint is not None and not add:
+            lamp_g, of_lamp = ('lamp_g', 'of_lamp') if source.lamp is not None else 2 * ('zero',)
+            tint_of(*get(f'depth x y albedo cos_g {lamp_g} direct {of_lamp} whole'),
+                    *constants.tint, self._tint)
+            spread(self.rows, row, self._tint, image.tint, False)
+
+    def _look_up(self, tracks: TrackArrays, *, any_level: bool) -> None:
+        prints_of(*self._get('depth x y level'), *tracks, any_level,
+                  *self._get('print_x print_y print_horizon print_seen print_coarse pressed '
+                             'loose'))
+
+    def _tell(self, image: GroundImage, row: int, source: GroundSource, relief: ReliefShape,
+              centre: F32, lists: CraterLists | None) -> None:
+        """Fill in what is true of a band; `_light` has been called where its light is told."""
+        get, own, words = self._get, self._of, self._words
+        if image.shadow is not None:
+            light_of(*get('depth sunlit of_rover normal_x normal_y normal_z'),
+                     source.constants.sun, bool(source.constants.irradiance > 0.0), *self._bytes)
+            for k in range(3):
+                spread(self.rows, row, self._bytes[k], image.shadow[..., k], False)
+        tracks = source.tracks
+        if tracks is not None:
+            self._look_up(tracks, any_level=False)
+        texels = source.texels
+        none = np.zeros((0, 0, 0, 2), np.float32), np.zeros((0, 4), np.float32)
+        shape_of(*get('depth x y'), texels.levels, texels.ground.words,
+                 int(texels.ground.side[0]), tracks is not None,
+                 *get('print_x print_y pressed loose'), relief.shape, relief.numbers, centre,
+                 *(lists or none), words[0], words[1], *get('normal_x normal_y normal_z'))
+        told: list[tuple[NDArray[Any], NDArray[Any] | None]] = [(words[0], image.label),
+                                                                (words[1], image.crater)]
+        if image.normal is not None:
+            told += [(own[f'normal_{axis}'], image.normal[..., k]) for k, axis in enumerate('xyz')]
+        for values, out in told:
+            if out is not None:
+                spread(self.rows, row, values, out, False)

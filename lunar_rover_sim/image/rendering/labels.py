@@ -1,0 +1,81 @@
+"""Meaning of the numbers in the label image, and a vocabulary of them for readers.
+
+Labels are 16 bits, so that an image of them is `mono16`. Rocks have one each: 16 + their index in
+the catalogue of the world, and after those the far rocks (`world.far_rocks`). Craters have an
+image of their own, since a rock may lie in one: 1 + their index in the catalogue, 0 outside all.
+Whatever is beyond 65535 shares that number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.ground.world.craters import Craters
+from lunar_rover_sim.ground.world.rocks import Rocks
+
+LABEL_SKY, LABEL_GROUND, LABEL_ROVER, LABEL_DISTURBED, LABEL_FIRST_LEG = range(5)
+LABEL_FIRST_ROCK = 16
+LAST_LABEL = 65535
+FIRST_CRATER = 1
+
+METHOD = 'drawn by the renderer'
+_DIGITS = 4         # of metres in the vocabulary
+
+
+def rover_links(label: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+    """Return where any part of the rover is seen."""
+    legs = (label >= LABEL_FIRST_LEG) & (label < LABEL_FIRST_ROCK)
+    return np.asarray(legs | (label == LABEL_ROVER))
+
+
+def link_label(link: int) -> int:
+    """Return the label of a link of the rover: 0 is base_link with mast and head, then legs."""
+    return LABEL_ROVER if link == 0 else LABEL_FIRST_LEG + link - 1
+
+
+def class_names(rock_count: int, legs: Sequence[str]) -> dict[int, str]:
+    """Return the name of each label; rock_count: near and far rocks; legs: their names."""
+    names = {LABEL_SKY: 'sky', LABEL_GROUND: 'ground', LABEL_ROVER: 'rover body',
+             LABEL_DISTURBED: 'disturbed ground'}
+    names.update({LABEL_FIRST_LEG + k: f'rover {leg} leg'.replace('_', ' ')
+                  for k, leg in enumerate(legs)})
+    last = min(LABEL_FIRST_ROCK + rock_count, LAST_LABEL)
+    names.update({label: f'rock {label - LABEL_FIRST_ROCK}'
+                  for label in range(LABEL_FIRST_ROCK, last)})
+    if LABEL_FIRST_ROCK + rock_count > LAST_LABEL:
+        names[LAST_LABEL] = f'rock {LAST_LABEL - LABEL_FIRST_ROCK} or any later one'
+    return names
+
+
+def vocabulary(rocks: Rocks, craters: Craters, world_hash: str, legs: Sequence[str]) -> str:
+    """Return what the numbers mean, as JSON with the fields of two messages of vision_msgs.
+
+    `class_map` is that of LabelInfo, `method`, `database_location` and `database_version` those
+    of VisionInfo. Besides, `rocks` and `craters` are catalogues as columns; the row of number n
+    is n - `first_id`.
+
+    Args:
+        rocks: Near and far ones, in the order of their labels.
+        world_hash: Of the world they are in.
+        legs: Names of those of the rover.
+    """
+    def column(values: Any) -> list[Any]:
+        return np.round(np.asarray(values, float), _DIGITS).tolist()
+
+    names = class_names(len(rocks), legs)
+    return json.dumps({
+        'class_map': [{'class_id': label, 'class_name': name} for label, name in names.items()],
+        'threshold': 0.0,
+        'method': METHOD,
+        'database_location': '',
+        'database_version': world_hash,
+        'rocks': {'first_id': LABEL_FIRST_ROCK, 'position_m': column(rocks.position_m),
+                  'diameter_m': column(rocks.diameter_m)},
+        'craters': {'first_id': FIRST_CRATER, 'position_m': column(craters.position_m),
+                    'diameter_m': column(craters.diameter_m), 'age': column(craters.age)},
+    }, separators=(',', ':'))

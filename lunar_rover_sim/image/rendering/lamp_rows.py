@@ -1,0 +1,133 @@
+"""The light of the rover's lamp on pixels of the ground, with its shadow map."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.base.compiled import compiled
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.image.rendering.row_math import shape_at, shape_share
+
+_ZERO, _HALF, _ONE = (np.float32(x) for x in (0.0, 0.5, 1.0))
+_LEAST, _GRAZING, _SLACK, _OFF = (np.float32(x) for x in (1e-6, 0.04, 0.004, 0.01))
+_COSINE, _RISE, _STEEPEST, _FLAT = (np.float32(x) for x in (1e-3, 0.01, 1e-4, 0.02))
+_EDGE = np.float32(4e-4)                # height over which a shadow of relief sets in [m]
+_TEXEL = np.float32(0.003125)           # of the shape of the relief [m]
+_STEPS = 20
+
+
+class LampLight(NamedTuple):
+    """The lamp in one pose, for `lamp_on`.
+
+    Attributes:
+        T_world_lamp: (4, 4).
+        beam: Peak intensity [W/sr], exponent of the cosine, angle of a pixel of the map.
+        clip, shadow: As there.
+    """
+
+    T_world_lamp: Array
+    beam: tuple[float, float, float]
+    clip: NDArray[np.float32]
+    shadow: NDArray[np.float32]
+
+    def numbers(self, camera: Array) -> NDArray[np.float32]:
+        """Return (9,) `lamp` there; camera: its world position [m]."""
+        place = self.T_world_lamp[:3, 3] - [0.0, 0.0, camera[2]]
+        return np.array([*place, *self.T_world_lamp[:3, 2], *self.beam], np.float32)
+
+
+@compiled
+def _over_relief(x, y, rise, tx, ty, shape, scale, highest, share):  # type: ignore[no-untyped-def]
+    """Return the share of the lamp's light that passes over the relief.
+
+    Steps towards it are as long as the slopes around a point allow.
+    """
+    rise = max(rise, _RISE)
+    flat = max(np.sqrt(tx * tx + ty * ty), _LEAST)
+    tx, ty = tx / flat, ty / flat
+    tangent = rise / np.sqrt(max(_ONE - rise * rise, _STEEPEST))
+    own = shape_at(x, y, shape, scale)[0] * share
+    clear, along = _ONE, _HALF * _TEXEL
+    for _ in range(_STEPS):
+        ray = own + tangent * along
+        if ray > highest or clear <= _ZERO:
+            break
+        height, steep = shape_at(x + along * tx, y + along * ty, shape, scale)
+        over = ray - height * share
+        clear = min(clear, _HALF + over / _EDGE)
+        along += max(over / max(steep * share - tangent, _FLAT), _HALF * _TEXEL)
+    return min(max(clear, _ZERO), _ONE)
+
+
+@compiled
+def lamp_on(depth, x, y, z, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-untyped-def]
+            normal_x, normal_y, normal_z, kept, lamp, clip, shadow, shape, relief, centre,
+            irradiance, cos_i, cos_g):
+    """Fill in the light of the lamp on each pixel of a band.
+
+    Args:
+        depth to vz: (n,) as `ground_place.place` fills them in.
+        slope_x to kept: (n,) of the grid with tracks; as `shade_rows.shade` fills them in.
+        lamp: Its position relative to the camera, with z over it, as x and y are in the world;
+            its axis; peak intensity [W/sr], exponent of the cosine, angle of a pixel of the map.
+        clip: (4, 4) from axes of the world around the lamp to its map, transposed.
+        shadow: (m, m) depth of ground and rocks along the axis of the lamp, 0 where there is none,
+            negative for rocks [m].
+        shape, relief, centre: As for `ground_rays.cast`; (0, 0) where relief has none.
+        irradiance: (n,) normal, filled in [W/m2], as the cosines of incidence and phase.
+    """
+    m = len(shadow)
+    wide = np.float32(m)
+    for k in range(len(depth)):
+        irradiance[k] = cos_i[k] = cos_g[k] = _ZERO
+        if depth[k] <= _ZERO:
+            continue
+        a, b, c = x[k] - lamp[0], y[k] - lamp[1], z[k] - lamp[2]
+        square = a * a + b * b + c * c
+        shrink = -_ONE / np.sqrt(square)
+        tx, ty, tz = a * shrink, b * shrink, c * shrink
+        cosine = max(-(tx * lamp[3] + ty * lamp[4] + tz * lamp[5]), _COSINE)
+        q = a * clip[0, 3] + b * clip[1, 3] + c * clip[2, 3] + clip[3, 3]
+        cos_i[k] = normal_x[k] * tx + normal_y[k] * ty + normal_z[k] * tz
+        cos_g[k] = tx * vx[k] + ty * vy[k] + tz * vz[k]
+        if q <= _ZERO or cos_i[k] <= _ZERO:
+            continue
+        u = (a * clip[0, 0] + b * clip[1, 0] + c * clip[2, 0] + clip[3, 0]) / max(q, _LEAST)
+        v = (a * clip[0, 1] + b * clip[1, 1] + c * clip[2, 1] + clip[3, 1]) / max(q, _LEAST)
+        u = min(max((_HALF + _HALF * u) * wide - _HALF, -wide), wide + wide)
+        v = min(max((_HALF + _HALF * v) * wide - _HALF, -wide), wide + wide)
+        p, g = slope_x[k], slope_y[k]
+        facing = (tz - p * tx - g * ty) / np.sqrt(p * p + g * g + _ONE)
+        # A pixel of the map covers a range of depths, which is the wider the more grazing the
+        # light is.
+        slack = _SLACK + lamp[8] / max(facing, _GRAZING)
+        own = (a * lamp[3] + b * lamp[4] + c * lamp[5]) * (_ONE - slack) - _OFF
+        column, row = np.floor(u), np.floor(v)
+        u, v = u - column, v - row
+        lit = _ZERO
+        for n in range(4):
+            i, j = np.int64(column) + (n & 1), np.int64(row) + (n >> 1)
+            stored = abs(shadow[min(max(j, 0), m - 1), min(max(i, 0), m - 1)])
+            if stored == _ZERO or own < stored:
+                lit += (u if n & 1 else _ONE - u) * (v if n >> 1 else _ONE - v)
+        if lit <= _ZERO:
+            continue
+        value = lit * lamp[6] * np.float32(math.pow(cosine, lamp[7])) / square
+        if len(shape):
+            share = kept[k] * shape_share(x[k] - centre[0], y[k] - centre[1], centre[2])
+            if share > _ZERO:
+                value *= _over_relief(x[k], y[k], facing, tx, ty, shape, relief[0], relief[1],
+                                      share)
+        irradiance[k] = value
+
+
+@compiled
+def add_lamp(reflectance, irradiance, lamp, whole):  # type: ignore[no-untyped-def]
+    """Fill in the radiance of the lamp, (n,), and add it to the whole."""
+    for k in range(len(lamp)):
+        lamp[k] = reflectance[k] * irradiance[k]
+        whole[k] += lamp[k]

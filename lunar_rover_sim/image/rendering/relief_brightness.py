@@ -1,0 +1,262 @@
+"""Residual roughness below drawn relief, by mip level, and a factor that keeps the mean.
+
+Hapke's law with the macroscopic roughness theta of a parameter set holds for ground whose relief
+is not drawn. Where a part of the relief is drawn, with slope variance V of both directions, the
+rest has
+
+    tan^2 theta_rest = tan^2 theta - (pi / 4) V
+
+since the mean slope of a Gaussian surface is tan theta = sqrt(pi V) / 2. The mean of the drawn
+ground still differs from the law: what turns away from the camera should look smaller, and shadows
+are in the law too. Both are taken out by a factor, law over mean of what is drawn, which depends
+only on the mip level and on the directions of sun and view over the local plane of the grid.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.ground.world.fine_relief import disc_share
+from lunar_rover_sim.ground.world.kept_arrays import kept
+from lunar_rover_sim.image.illumination import hapke
+from lunar_rover_sim.image.illumination.config import ReflectanceConfig
+from lunar_rover_sim.image.rendering.relief_tiles import (FINER, ReliefTile, ReliefTiles,
+                                                          SLOPE_SCALE)
+
+# Rises with every change of what `relief_brightness` returns, of tiles or of the law.
+_RECIPE = 1
+LEVELS = 9              # mip levels of the fine tile; coarser ones are not used
+AZIMUTHS, COSINES = 8, 16       # nodes of the factor
+# Nodes: tangent of the sun's elevation over the local plane, over that over level ground. Below 1
+# light changes faster.
+HEIGHTS = (0.25, 0.5, 1.0, 4.0)
+LEAST_FACTOR, MOST_FACTOR = (128.0 / 255.0)**2, 8.0     # a factor of 1 has an exact code
+LEAST_SCALES = (0.05, 0.0, 0.0, 1.0)
+_LEAST_TANGENT = 0.01   # of the sun's elevation
+_SAMPLES = 40_000
+_COARSE = [max(k - FINER, 0) for k in range(LEVELS)]     # levels of the coarse tile
+_NODES = (LEVELS, COSINES, AZIMUTHS, len(HEIGHTS))
+_MOST_GAIN = 20.0
+_LEAST_SHARE = 0.7      # least brightness of drawn ground before the factor, over the law
+_ACROSS = np.array([0.0, 0.97, 0.243])      # direction of a view across the sun
+_EDGES = np.array([-0.6, -0.33, -0.2, -0.12, -0.06, -0.02, 0.02, 0.06, 0.12, 0.2, 0.33, 0.6])
+
+
+@dataclasses.dataclass(frozen=True)
+class ReliefBrightness:
+    """How ground with drawn relief is lit, by the mip level of the fine tile.
+
+    Attributes:
+        scales: (4, 4) coefficients of cubics in the level, constants first, of: tangent of the
+            roughness left to the law, half width of the edge of shadows of the coarse and of the
+            fine tile (as tangents), gain of lit shares.
+        factor: (LEVELS, COSINES, AZIMUTHS, 4) factor on sunlight; nodes are `azimuth_nodes`,
+            `cosine_nodes` and the tangent of the sun over the local plane, `tangent` times
+            HEIGHTS. Its inverse is interpolated: it falls to 0 where the sun sets behind relief.
+        tangent: That of the sun over level ground.
+    """
+
+    scales: NDArray[np.float32]
+    factor: NDArray[np.float32]
+    tangent: float
+
+
+def azimuth_nodes() -> Array:
+    """Return the angles between the azimuths of sun and view: equal steps of sin(angle / 2)."""
+    return 2.0 * np.arcsin(np.linspace(0.0, 1.0, AZIMUTHS))
+
+
+def cosine_nodes() -> Array:
+    """Return the cosines of emission: equal steps of their roots, the last one 1."""
+    return np.maximum(np.linspace(0.0, 1.0, COSINES)**2, 0.004)
+
+
+def relief_brightness(tiles: ReliefTiles, reflectance: ReflectanceConfig, elevation_rad: float,
+                      sun_radius_rad: float) -> ReliefBrightness:
+    """Return how tiles are lit by a sun of this elevation and angular radius."""
+    tangent = max(math.tan(elevation_rad), _LEAST_TANGENT)
+    if tiles.flat:
+        return ReliefBrightness(
+            _polynomials(_wanted_scales(tiles, hapke.parameter_set(reflectance.ground))),
+            np.ones(_NODES, np.float32), tangent)
+    return _of_relief(tiles, reflectance, tangent, sun_radius_rad)
+
+
+def _wanted_scales(tiles: ReliefTiles, ground: hapke.HapkeParameters) -> Array:
+    """Return (LEVELS, 4) values of `ReliefBrightness.scales`, with gains of 1."""
+    variance = tiles.coarse.slope_variance[_COARSE] + tiles.fine.slope_variance[:LEVELS]
+    left = np.sqrt(np.maximum(math.tan(math.radians(ground.theta_deg))**2
+                              - 0.25 * math.pi * variance, 0.0))
+    return np.column_stack([left, tiles.coarse.spread[_COARSE], tiles.fine.spread[:LEVELS],
+                            np.ones(LEVELS)])
+
+
+@functools.lru_cache(maxsize=2)     # for the next renderer of the same scene
+def _of_relief(tiles: ReliefTiles, reflectance: ReflectanceConfig, tangent: float,
+               sun_radius_rad: float) -> ReliefBrightness:
+    def rows() -> NDArray[np.float32]:
+        made = _made(tiles, reflectance, tangent, sun_radius_rad)
+        return np.concatenate([made.scales.ravel(), made.factor.ravel()])
+    ground = dataclasses.asdict(hapke.parameter_set(reflectance.ground))
+    values = kept('relief_brightness', [_RECIPE, tiles.recipe, ground, reflectance.albedo_scale,
+                                        tangent, sun_radius_rad], rows)
+    return ReliefBrightness(values[:16].reshape(4, 4), values[16:].reshape(_NODES), tangent)
+
+
+def _made(tiles: ReliefTiles, reflectance: ReflectanceConfig, tangent: float,
+          sun_radius_rad: float) -> ReliefBrightness:
+    ground = hapke.parameter_set(reflectance.ground)
+    rng = np.random.default_rng(0)
+    levels = list(range(LEVELS))
+    wanted = _wanted_scales(tiles, ground)
+    factor = np.empty(_NODES, np.float32)
+    samples = [(_sample(tiles, tiles.coarse, _COARSE[k], rng),
+                _sample(tiles, tiles.fine, k, rng)) for k in levels]
+
+    def facets(k: int, scales: Array) -> _Facets:
+        law = _Law(ground, reflectance.albedo_scale, math.degrees(math.atan(scales[0])))
+        return _Facets(law, *samples[k], scales[1:3], sun_radius_rad)
+
+    scales = _values(_polynomials(wanted))
+    wanted[:, 3] = [_gain(facets(k, scales[k]), tangent) for k in levels]
+    polynomials = _polynomials(wanted)
+    scales = _values(polynomials)       # what the shader draws with
+    for k in levels:
+        for j, sun in enumerate(tangent * np.array(HEIGHTS)):
+            factor[k, :, :, j] = _factor(facets(k, scales[k]), sun, float(scales[k, 3]))
+    return ReliefBrightness(polynomials, factor, tangent)
+
+
+def _polynomials(scales: Array) -> NDArray[np.float32]:
+    """Return (4, 4) coefficients of cubics in the level that come close to (LEVELS, 4) values."""
+    powers = np.arange(LEVELS)[:, None]**np.arange(4.0)
+    return np.linalg.lstsq(powers, scales, rcond=None)[0].astype(np.float32)
+
+
+def _values(polynomials: NDArray[np.float32]) -> Array:
+    """Return (LEVELS, 4) values, as `shade_rows.shade` has them."""
+    powers = np.arange(LEVELS)[:, None]**np.arange(4.0)
+    return np.maximum(powers @ polynomials, LEAST_SCALES)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Law:
+    """Hapke's law of the ground, and the roughness that drawn relief leaves to it."""
+
+    ground: hapke.HapkeParameters
+    albedo: float
+    rest_deg: float
+
+    def far(self, cos_i: ArrayLike, cos_e: ArrayLike, cos_g: ArrayLike) -> Array:
+        return hapke.reflectance(cos_i, cos_e, cos_g, self.ground, albedo=self.albedo)
+
+    def drawn(self, slope: Array, tangent: float, view: Array) -> Array:
+        """Return the reflectance of (m, 2) slopes to (..., 3) views, as `shade_rows.shade`."""
+        sun = np.array([1.0, 0.0, tangent]) / math.hypot(1.0, tangent)
+        normal = np.column_stack([-slope, np.ones(len(slope))])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        least = np.clip(view[..., 2:], 0.02, 0.08)
+        lift = np.maximum(least - view @ normal.T, 0.0)[..., None]
+        normal = normal + lift * view[..., None, :]
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        seen = np.maximum(np.sum(normal * view[..., None, :], axis=-1), 0.02)
+        return hapke.reflectance(normal @ sun, seen, (view @ sun)[..., None], self.ground,
+                                 albedo=self.albedo, theta_deg=self.rest_deg)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Facets:
+    """Samples of a level: slopes and horizons of the coarse and the fine tile, and their law."""
+
+    law: _Law
+    coarse: tuple[Array, Array]
+    fine: tuple[Array, Array]
+    spreads: Array
+    sun_radius_rad: float
+
+    @property
+    def slope(self) -> Array:
+        """Slopes towards the sun and to its left, (m, 2)."""
+        return self.coarse[0] + self.fine[0]
+
+    def lit(self, tangent: float) -> Array:
+        """Return the share of light that each sample gets, (m,)."""
+        width = self.sun_radius_rad * (1.0 + tangent**2)
+        return disc_share((tangent - self.coarse[1]) / (width + self.spreads[0])) \
+            * disc_share((tangent - self.coarse[0][:, 0] - self.fine[1])
+                         / (width + self.spreads[1]))
+
+    def grouped(self, tangent: float, gain: float) -> tuple[Array, Array]:
+        """Return the slopes of groups of samples, (g, 2), and the light that each stands for."""
+        lit, slope = gained(self.lit(tangent), gain), self.slope
+        bins = len(_EDGES) + 1
+        index = np.digitize(slope[:, 0], _EDGES) * bins + np.digitize(slope[:, 1], _EDGES)
+        share = np.bincount(index, lit, bins * bins)
+        some = share > 0.0
+        sums = [np.bincount(index, lit * slope[:, k], bins * bins)[some] for k in (0, 1)]
+        return np.stack(sums, axis=1) / share[some, None], share[some] / len(lit)
+
+
+def gained(lit: Array, gain: float) -> Array:
+    """Return lit shares with a gain that leaves 0 and 1 as they are."""
+    return gain * lit / (1.0 + (gain - 1.0) * lit)
+
+
+def _gain(facets: _Facets, tangent: float) -> float:
+    """Return the gain, at least 1, with which a view across the sun is bright enough."""
+    sun = np.array([1.0, 0.0, tangent]) / math.hypot(1.0, tangent)
+    wanted = _LEAST_SHARE * float(facets.law.far(sun[2], _ACROSS[2], _ACROSS @ sun))
+    light = facets.law.drawn(facets.slope, tangent, _ACROSS)
+    lit = facets.lit(tangent)
+    low, high = 0.0, math.log(_MOST_GAIN)
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        if np.mean(light * gained(lit, math.exp(middle))) < wanted:
+            low = middle
+        else:
+            high = middle
+    return math.exp(low)
+
+
+def _sample(tiles: ReliefTiles, tile: ReliefTile, level: int,
+            rng: np.random.Generator) -> tuple[Array, Array]:
+    """Return slopes and tangents of the horizon at random places of a level.
+
+    (m, 2) towards the sun and to its left, (m,)
+    """
+    codes = tile.codes[level]
+    n = len(codes)
+    words = codes.view(np.uint32)[..., 0]   # whole texels are gathered faster
+    at = rng.random((2, _SAMPLES)) * n
+    whole = at.astype(int)
+    part = (at - whole)[..., None]
+    texel = np.zeros((_SAMPLES, 3))
+    for i in (0, 1):
+        for j in (0, 1):
+            weight = (part[0] if i else 1.0 - part[0]) * (part[1] if j else 1.0 - part[1])
+            corner = words[(whole[0] + i) % n, (whole[1] + j) % n].view(np.uint8)
+            texel += weight * corner.reshape(-1, 4)[:, :3]
+    slope = (texel[:, :2] - 128.0) * (SLOPE_SCALE / 255.0)
+    along = tiles.heading
+    return (np.column_stack([slope @ along, slope @ (-along[1], along[0])]),
+            tiles.centre + (texel[:, 2] / 127.5 - 1.0) * tiles.half_range)
+
+
+def _factor(facets: _Facets, tangent: float, gain: float) -> Array:
+    """Return (COSINES, AZIMUTHS) of the law over the mean of groups of facets."""
+    slope, share = facets.grouped(tangent, gain)
+    if not len(slope):
+        return np.ones((COSINES, AZIMUTHS))
+    cosine, azimuth = np.meshgrid(cosine_nodes(), azimuth_nodes(), indexing='ij')
+    sine = np.sqrt(1.0 - cosine**2)
+    view = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+    sun = np.array([1.0, 0.0, tangent]) / math.hypot(1.0, tangent)
+    drawn = facets.law.drawn(slope, tangent, view) @ share
+    law = facets.law.far(sun[2], cosine, view @ sun)
+    return np.clip(law / np.maximum(drawn, 1e-9), LEAST_FACTOR, MOST_FACTOR)

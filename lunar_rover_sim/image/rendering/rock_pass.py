@@ -1,0 +1,232 @@
+"""The pass of the rocks: instances of the shape library, chosen by view and size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.base.compiled import compiled
+from lunar_rover_sim.base.frames import Array, matrix_from_wxyz
+from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
+from lunar_rover_sim.image.rendering.context import enable, load_program, release_all
+from lunar_rover_sim.image.rendering.projection import Projection, ViewVolume
+from lunar_rover_sim.image.rendering.rock_meshes import (library_meshes, OCTAHEDRON, solid_axes,
+                                                         solid_mesh, TETRAHEDRON)
+from lunar_rover_sim.image.rendering.surface import Surface
+
+F32 = NDArray[np.float32]
+
+_INSTANCE = '3f 3f 3f 3f 4f 4f /i'
+_NAMES = ('i_position', 'i_x', 'i_y', 'i_z', 'i_light', 'i_matter')
+_FLOATS = 20
+# Rocks smaller than _COARSE_PX are drawn as hulls of _COARSE_VERTICES vertices, those smaller than
+# _SOLIDS_PX as solids; larger ones worn, with the finer meshes, the larger they look.
+_COARSE_PX, _COARSE_VERTICES = 14.0, 10
+_SOLIDS, _SOLIDS_PX = (OCTAHEDRON, TETRAHEDRON), (5.0, 2.0)
+_LEVELS, _LEVELS_PX = (4, 3, 2), (160.0, 45.0)
+_KINDS = len(_LEVELS) + 1       # of a shape
+_RADIUS = 0.75          # of a ball around a rock of diameter 1
+_WORN = 1.1             # reach of what is drawn, over that of the hull, at most
+
+
+class GroundSeen(NamedTuple):
+    """The ground in an image.
+
+    Attributes:
+        T_world_camera: (4, 4).
+        depth_m: (h, w), 0 where there is none.
+    """
+
+    T_world_camera: Array
+    projection: Projection
+    depth_m: F32
+
+
+class RockPass:
+    """Draws the rocks.
+
+    Attributes:
+        programs: Of light, and of light with truth once that is prepared.
+        boxes: (m, 2, 3) least and greatest coordinates of the chosen rocks, world frame [m].
+    """
+
+    def __init__(self, context: moderngl.Context, rocks: Rocks, shapes: tuple[RockShape, ...],
+                 light: F32, ground_m: Array, surface: Surface, lamp: bool) -> None:
+        """Make meshes and programs.
+
+        Args:
+            light: (m, 5) as `Sunlight.rock_light`.
+            ground_m: (m,) height of the ground under each rock.
+            surface: Textures to light with.
+            lamp: Whether there is one.
+        """
+        self._context, self._surface = context, surface
+        self._defines = {'ROVER_SHADOW': 1, **({'LAMP': 1} if lamp else {})}
+        self.programs = [load_program(context, 'rock', 'rock', **self._defines)]
+        self.rocks = rocks
+        rotation = matrix_from_wxyz(rocks.orientation_wxyz) if len(rocks) else np.zeros((0, 3, 3))
+        columns = rotation * rocks.diameter_m[:, None, None]
+        self._data = np.concatenate(
+            [rocks.position_m, columns[:, :, 0], columns[:, :, 1], columns[:, :, 2], light,
+             rocks.albedo[:, None], np.arange(len(rocks))[:, None], ground_m[:, None]],
+            axis=1).astype(np.float32)
+        self._position = np.ascontiguousarray(rocks.position_m.T, np.float32)
+        self._diameter = rocks.diameter_m.astype(np.float32)
+        # Half of boxes around the rocks, in axes of the world; meshes are worn hulls.
+        reach = np.stack([np.abs(shape.vertices).max(axis=0) for shape in shapes])
+        self._half = _WORN * np.einsum('nij,nj->ni', np.abs(columns), reach[rocks.shape])
+        self.boxes: Array = np.zeros((0, 2, 3))
+        self._axes = np.array([[solid_axes(one, shape) for shape in shapes] for one in _SOLIDS],
+                              np.float32)
+        # A kind is a shape with its detail; the last kinds are solids, which stand for all.
+        self._first_solid = _KINDS * len(shapes)
+        self._instances: dict[int, moderngl.Buffer] = {}
+        self._counts: dict[int, int] = {}
+        self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
+        self._meshes = [[context.buffer(part.tobytes()) for part in mesh] for mesh in (
+            *library_meshes(shapes, _LEVELS, _COARSE_VERTICES), *map(solid_mesh, _SOLIDS))]
+
+    def prepare_truth(self) -> None:
+        """Be able to draw truth from now on; adds to `programs`."""
+        self.programs.append(load_program(self._context, 'rock', 'rock', TRUTH=1, **self._defines))
+
+    def relight(self, light: F32) -> None:
+        """Take the light under another sun, (m, 5) as `Sunlight.rock_light`."""
+        self._data[:, 12:17] = light
+
+    def choose(self, volume: ViewVolume, focal_px: float, least_px: float,
+               grounds: Sequence[GroundSeen] = ()) -> None:
+        """Choose what `draw` draws: rocks that are in view and look larger than `least_px`.
+
+        Args:
+            grounds: Images in which the ground may hide rocks; none are without any.
+        """
+        visible, distance = self._visible(volume, focal_px, least_px)
+        if grounds and len(visible):
+            shows = np.any([self._over(visible, *ground) for ground in grounds], axis=0)
+            visible, distance = visible[shows], distance[shows]
+        half, centre = self._half[visible], self.rocks.position_m[visible]
+        self.boxes = np.stack([centre - half, centre + half], axis=1)
+        size = self._diameter[visible] * np.float32(focal_px)
+        shape = self.rocks.shape[visible]
+        detail = sum((size < limit * distance).astype(np.int64)
+                     for limit in (*_LEVELS_PX, _COARSE_PX))
+        kind_of = _KINDS * shape + detail
+        for solid, limit in enumerate(_SOLIDS_PX):
+            kind_of[size < limit * distance] = self._first_solid + solid
+        order = np.argsort(kind_of, kind='stable')
+        data = self._data[visible[order]]
+        kinds, starts, counts = np.unique(kind_of[order], return_index=True, return_counts=True)
+        self._counts = dict(zip(kinds.tolist(), counts.tolist()))
+        for kind, start, count in zip(kinds.tolist(), starts, counts):
+            part = data[start:start + count]
+            if kind >= self._first_solid:  # the axes take the place of the vertices of the shape
+                axes = self._axes[kind - self._first_solid, shape[order[start:start + count]]]
+                part[:, 3:12] *= np.repeat(axes, 3, axis=1)
+            self._write(kind, part)
+
+    def _over(self, visible: NDArray[np.int64], T_world_camera: Array, projection: Projection,
+              ground_m: F32) -> NDArray[np.bool_]:
+        """Return which rocks show over the ground in an image, or may."""
+        K, camera = projection.K, T_world_camera
+        middle = (self.rocks.position_m[visible] - camera[:3, 3]) @ camera[:3, :3]
+        half = self._half[visible] @ np.abs(camera[:3, :3])
+        return np.asarray(_shows(middle, half, K, ground_m))
+
+    def _write(self, kind: int, data: F32) -> None:
+        """Write the instances of one kind."""
+        if kind not in self._instances:
+            members = len(self.rocks) if kind >= self._first_solid else \
+                int((self.rocks.shape == kind // _KINDS).sum())
+            self._instances[kind] = self._context.buffer(reserve=4 * _FLOATS * members,
+                                                         dynamic=True)
+        self._instances[kind].write(data.tobytes())
+
+    def any_in_cone(self, T_world_view: Array, width: float) -> bool:
+        """Return whether any rock may reach into a cone around the axis of a view.
+
+        Args:
+            width: Radius of the cone at depth 1.
+        """
+        offset = self._position - T_world_view[:3, 3:].astype(np.float32)
+        ahead = T_world_view[:3, 2].astype(np.float32) @ offset
+        radius = np.float32(_RADIUS) * self._diameter
+        reach = radius + np.float32(width) * np.maximum(ahead, 0.0)
+        aside2 = (offset**2).sum(axis=0) - ahead**2
+        return bool(np.any((ahead > -radius) & (aside2 < reach**2)))
+
+    def draw(self, *, truth: bool = False, add: bool = False) -> None:
+        """Draw the chosen rocks into the framebuffer in use.
+
+        Args:
+            add: Whether to add to the present radiance.
+            truth: Whether to draw that too, into the attachments of `TruthTargets`.
+        """
+        enable(self._context, self._context.DEPTH_TEST | self._context.CULL_FACE, add=add)
+        program = self.programs[int(truth)]
+        self._surface.bind_rocks(program)
+        for kind, count in self._counts.items():
+            key = (program.glo, kind)
+            if key not in self._arrays:
+                vertices, corners = self._meshes[kind]
+                self._arrays[key] = self._context.vertex_array(
+                    program, [(vertices, '3f 3f', 'a_position', 'a_normal'),
+                              (self._instances[kind], _INSTANCE, *_NAMES)],
+                    corners, skip_errors=True)
+            self._arrays[key].render(instances=count)
+
+    def _visible(self, volume: ViewVolume, focal_px: float,
+                 least_px: float) -> tuple[NDArray[np.int64], F32]:
+        """Return the indices of the rocks to draw, and their distances [m]."""
+        offset = self._position - volume.centre_m[:, None].astype(np.float32)
+        distance = np.sqrt(np.einsum('ij,ij->j', offset, offset))
+        seen = self._diameter * np.float32(focal_px / least_px if least_px else np.inf) > distance
+        radius = np.float32(-_RADIUS) * self._diameter
+        for a, b, c, d in volume.planes.astype(np.float32):
+            seen &= a * offset[0] + b * offset[1] + (c * offset[2] + d) > radius
+        visible = np.flatnonzero(seen)
+        return visible, np.maximum(distance[visible], np.float32(1e-3))
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        release_all(*self._arrays.values(), *self._instances.values(),
+                    *(buffer for mesh in self._meshes for buffer in mesh), *self.programs)
+
+
+@compiled
+def _shows(middle, half, K, ground):  # type: ignore[no-untyped-def]
+    """Return which boxes have a pixel at which the ground, if any, does not lie before them.
+
+    Args:
+        middle, half: (n, 3) middles and halves of boxes in axes of the camera [m].
+        K: (3, 3) intrinsics [px].
+        ground: (h, w) depth, 0 where there is none [m].
+    """
+    h, w = ground.shape
+    size = (w, h)
+    result = np.zeros(len(middle), np.bool_)
+    first, end = np.zeros(2, np.int64), np.zeros(2, np.int64)
+    for k in range(len(middle)):
+        nearest, farthest = middle[k, 2] - half[k, 2], middle[k, 2] + half[k, 2]
+        if nearest <= 0.0:
+            result[k] = farthest > 0.0
+            continue
+        for n in range(2):
+            low, high = middle[k, n] - half[k, n], middle[k, n] + half[k, n]
+            low = K[n, n] * low / (nearest if low < 0.0 else farthest) + K[n, 2]
+            high = K[n, n] * high / (nearest if high > 0.0 else farthest) + K[n, 2]
+            first[n] = int(min(max(np.ceil(low), 0.0), size[n]))
+            end[n] = int(min(max(np.floor(high), -1.0), size[n] - 1.0)) + 1
+        for row in range(first[1], end[1]):
+            for column in range(first[0], end[0]):
+                depth = ground[row, column]
+                if depth == 0.0 or depth > nearest:
+                    result[k] = True
+                    break
+            if result[k]:
+                break
+    return result

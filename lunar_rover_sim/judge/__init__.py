@@ -1,0 +1,1 @@
+"""How well it went: trajectories, images and maps against truth, SLAM systems, studies."""

@@ -1,0 +1,155 @@
+"""Two sets of images against each other: measures with intervals of both and of the difference.
+
+A set is anything that `image_layouts.open_images` reads. Both are scaled down to the width of the
+narrower one, since gradients, spectra and keypoints are counted in pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import wasserstein_distance
+
+from lunar_rover_sim.base.errors import EvaluationError
+from lunar_rover_sim.base.files.results import plain
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.judge.evaluation import statistics
+from lunar_rover_sim.judge.evaluation.image_layouts import ImageSet, open_images
+from lunar_rover_sim.judge.evaluation.image_statistics import (image_statistics, LOG_BINS,
+                                                               LOG_FLOOR, LOG_STEP, MEASURES)
+from lunar_rover_sim.judge.evaluation.statistics import Difference, SeriesMean
+
+FRAMES = 40
+DISTANCE = 'log gradient distance'
+_LEAST_WIDTH = 32
+
+
+@dataclasses.dataclass(frozen=True)
+class SetStatistics:
+    """The statistics of the images of a set.
+
+    Attributes:
+        values: (n, len(MEASURES)).
+        log_gradients: (n, LOG_BINS), as `ImageStatistics` has them.
+    """
+
+    images: ImageSet
+    values: Array
+    log_gradients: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class MeasureRow:
+    """One measure: its mean in both sets, and the second less the first."""
+
+    name: str
+    first: SeriesMean
+    second: SeriesMean
+    difference: Difference
+
+
+@dataclasses.dataclass(frozen=True)
+class ImageComparison:
+    """The result of `compare_images`.
+
+    Attributes:
+        distance: Wasserstein distance of the histograms of log10 of gradients [decades], p by
+            permutation.
+        chance: What one in twenty shuffles of the images between the sets exceeds.
+    """
+
+    first: SetStatistics
+    second: SetStatistics
+    width_px: int
+    rows: tuple[MeasureRow, ...]
+    distance: Difference
+    chance: float
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return all numbers as plain values; None for what is not known."""
+        def described(one: SetStatistics) -> dict[str, Any]:
+            return {'path': str(one.images.path), 'layout': one.images.layout,
+                    'images': one.images.total, 'sampled': len(one.values)}
+
+        return plain({
+            'a': described(self.first), 'b': described(self.second), 'width_px': self.width_px,
+            'interval': '95 %, block bootstrap',
+            'measures': {row.name: {'meaning': MEASURES[row.name], 'a': row.first._asdict(),
+                                    'b': row.second._asdict(),
+                                    'b_minus_a': row.difference._asdict()} for row in self.rows},
+            DISTANCE: {'meaning': 'Wasserstein distance of the histograms of log10 of the '
+                       'gradient [decades]', **self.distance._asdict(),
+                       'shuffled_95': self.chance}})
+
+
+def compare_images(first: Path | str, second: Path | str, *, frames: int = FRAMES,
+                   width_px: int = 0, seed: int = 1,
+                   progress: Callable[[], None] | None = None) -> ImageComparison:
+    """Compare two sets of images.
+
+    Args:
+        frames: At most so many images of each set, evenly over it.
+        width_px: Images are scaled down to this width; 0 for that of the narrower set.
+        seed: Of the bootstrap.
+        progress: Called once per image.
+
+    Raises:
+        EvaluationError: If a set cannot be read.
+        BagError: If a set cannot be read.
+    """
+    if frames < 1:
+        raise EvaluationError(f'frames: {frames} is not valid; valid is at least 1')
+    if width_px < 0 or 0 < width_px < _LEAST_WIDTH:
+        raise EvaluationError(f'width: {width_px} is not valid; valid is at least {_LEAST_WIDTH} '
+                              'px, or 0 for that of the narrower set')
+    sets = open_images(first), open_images(second)
+    firsts = [next(images.read(1)) for images in sets]
+    widths = [pair.left.shape[1] for pair in firsts]
+    # One definition for both: one that only one set could meet would itself make a gap.
+    truth_shows_sky = all(pair.truth_px is not None for pair in firsts)
+    width = min(widths + [width_px] if width_px else widths)
+    a, b = (_measured(images, frames, width, truth_shows_sky, progress) for images in sets)
+    rng = np.random.default_rng(seed)
+    rows = []
+    for k, name in enumerate(MEASURES):
+        one, means = statistics.estimate(a.values[:, k], rng)
+        other, other_means = statistics.estimate(b.values[:, k], rng)
+        rows.append(MeasureRow(name, one, other, statistics.difference(
+            other.value - one.value, other_means - means)))
+    return ImageComparison(a, b, width, tuple(rows), *_distance(a, b, rng))
+
+
+def _measured(images: ImageSet, frames: int, width_px: int, truth_shows_sky: bool,
+              progress: Callable[[], None] | None) -> SetStatistics:
+    found = []
+    for pair in images.read(frames):
+        found.append(image_statistics(pair.narrowed(width_px), truth_shows_sky))
+        if progress is not None:
+            progress()
+    return SetStatistics(images, np.stack([one.values for one in found]),
+                         np.stack([one.log_gradients for one in found]))
+
+
+def _distance(a: SetStatistics, b: SetStatistics,
+              rng: np.random.Generator) -> tuple[Difference, float]:
+    """Return the distance of the histograms, and what chance gives."""
+    centres = LOG_FLOOR + LOG_STEP * (np.arange(LOG_BINS) + 0.5)
+    one, other = a.log_gradients.mean(axis=0), b.log_gradients.mean(axis=0)
+    nan = float('nan')
+    if not one.sum() or not other.sum():
+        return Difference(nan, nan, nan, nan), nan
+    value = float(wasserstein_distance(centres, centres, one, other))
+    if min(len(a.values), len(b.values)) < statistics.LEAST:
+        return Difference(value, nan, nan, nan), nan
+    means = [one.log_gradients[statistics.resampled(len(one.values), rng)].mean(axis=1)
+             for one in (a, b)]
+    resamples = LOG_STEP * np.abs(np.cumsum(means[0] - means[1], axis=1)).sum(axis=1)
+    # A distance grows with every scatter: the mean of that is taken off.
+    resamples = np.maximum(resamples - (resamples.mean() - value), 0.0)
+    low, high = np.percentile(resamples, (2.5, 97.5))
+    p, chance = statistics.permutation_p(a.log_gradients, b.log_gradients, rng)
+    return Difference(value, float(low), float(high), p), LOG_STEP * chance

@@ -1,0 +1,147 @@
+"""A trajectory: stamped poses of one moving frame in one fixed frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import dataclasses
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from lunar_rover_sim.bag.totals import driven_distance_m
+from lunar_rover_sim.base.errors import EvaluationError
+from lunar_rover_sim.base.frames import Array, distance_along
+
+Stamps = NDArray[np.int64]
+
+
+class StampedState(Protocol):
+    """Where the rover is at a stamp."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Simulated time [ns]."""
+
+    @property
+    def position_m(self) -> Array:
+        """(3,) origin of base_link, world frame."""
+
+    @property
+    def orientation_wxyz(self) -> Array:
+        """(4,) base_link in the world frame."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Trajectory:
+    """Poses T_fixed_moving over time; arrays are read-only copies.
+
+    Attributes:
+        stamps_ns: (n,) int64, strictly increasing.
+        positions_m: (n, 3).
+        orientations_wxyz: (n, 4), normalised on construction.
+        name: How errors and plots name it, for instance a file.
+
+    Raises:
+        EvaluationError: If shapes differ, stamps are not whole numbers or do not increase, or a
+            number is not finite.
+    """
+
+    stamps_ns: Stamps
+    positions_m: Array
+    orientations_wxyz: Array
+    name: str = 'trajectory'
+
+    @classmethod
+    def of_states(cls, states: Iterable[StampedState], name: str = 'truth') -> Trajectory:
+        """Return the poses of base_link in states, such as those of a `Simulation`."""
+        known = list(states)
+        return cls(np.array([state.stamp_ns for state in known], np.int64),
+                   np.array([state.position_m for state in known]).reshape(-1, 3),
+                   np.array([state.orientation_wxyz for state in known]).reshape(-1, 4), name)
+
+    def __repr__(self) -> str:
+        span_s = 1e-9 * (self.stamps_ns[-1] - self.stamps_ns[0]) if len(self.stamps_ns) else 0.0
+        return (f'Trajectory({self.name!r}, {len(self.stamps_ns)} poses, {span_s:.1f} s, '
+                f'{self.length_m:.2f} m)')
+
+    def __post_init__(self) -> None:
+        stamps = np.array(self.stamps_ns).reshape(-1)
+        if len(stamps) and stamps.dtype.kind not in 'iu':
+            raise EvaluationError(f'{self.name}: stamps_ns: {stamps.dtype} is not valid; valid '
+                                  'are whole nanoseconds')
+        stamps = stamps.astype(np.int64)
+        n = len(stamps)
+        positions = np.array(self.positions_m, dtype=float)
+        quats = np.array(self.orientations_wxyz, dtype=float)
+        if positions.shape != (n, 3) or quats.shape != (n, 4):
+            raise EvaluationError(f'{self.name}: {n} stamps, positions {positions.shape} and '
+                                  f'orientations {quats.shape}; valid is (n,), (n, 3) and (n, 4)')
+        bad = ~(np.isfinite(positions).all(axis=1) & np.isfinite(quats).all(axis=1))
+        if bad.any():
+            raise EvaluationError(f'{self.name}: pose {int(np.argmax(bad))} is not finite '
+                                  f'({int(bad.sum())} such poses)')
+        if n > 1 and (np.diff(stamps) <= 0).any():
+            k = int(np.argmax(np.diff(stamps) <= 0)) + 1
+            raise EvaluationError(f'{self.name}: stamps do not increase: pose {k} at '
+                                  f'{stamps[k]} ns follows {stamps[k - 1]} ns')
+        norms = np.linalg.norm(quats, axis=1)
+        if n and norms.min() < 0.5:
+            raise EvaluationError(f'{self.name}: pose {int(np.argmin(norms))} has a quaternion of '
+                                  f'length {norms.min():.3g}; valid is 1')
+        quats /= norms[:, None]
+        for field, value in (('stamps_ns', stamps), ('positions_m', positions),
+                             ('orientations_wxyz', quats)):
+            value.setflags(write=False)
+            object.__setattr__(self, field, value)
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    @property
+    def rotations(self) -> Rotation:
+        """Orientations as a SciPy Rotation of length n."""
+        return Rotation.from_quat(self.orientations_wxyz[:, [1, 2, 3, 0]])
+
+    @property
+    def seconds(self) -> Array:
+        """(n,) stamps [s]."""
+        return np.asarray(self.stamps_ns * 1e-9, dtype=np.float64)
+
+    @property
+    def distances_m(self) -> Array:
+        """(n,) length of the path in space through all poses, up to each one [m]."""
+        return distance_along(self.positions_m)
+
+    @property
+    def length_m(self) -> float:
+        """Distance driven [m]: horizontal, in steps of 0.1 s; see `bag.driven_distance`."""
+        return driven_distance_m(zip(self.stamps_ns.tolist(), self.positions_m.tolist()))
+
+    def select(self, keep: ArrayLike) -> Trajectory:
+        """Return the poses of an index or boolean array."""
+        index = np.asarray(keep)
+        return Trajectory(self.stamps_ns[index], self.positions_m[index],
+                          self.orientations_wxyz[index], self.name)
+
+    def moved(self, rotation: ArrayLike, translation_m: ArrayLike,
+              scale: float = 1.0) -> Trajectory:
+        """Return the trajectory in another fixed frame: p -> scale R p + t, q -> R q."""
+        R = np.asarray(rotation, dtype=float)
+        positions = scale * self.positions_m @ R.T + np.asarray(translation_m, dtype=float)
+        return Trajectory(self.stamps_ns, positions,
+                          wxyz(Rotation.from_matrix(R) * self.rotations), self.name)
+
+    def of_frame(self, T_moving_other: ArrayLike) -> Trajectory:
+        """Return the trajectory of another frame that is rigidly fixed to the moving one."""
+        T = np.asarray(T_moving_other, dtype=float)
+        rotations = self.rotations
+        positions = self.positions_m + rotations.apply(T[:3, 3])
+        return Trajectory(self.stamps_ns, positions,
+                          wxyz(rotations * Rotation.from_matrix(T[:3, :3])), self.name)
+
+
+def wxyz(rotations: Rotation) -> Array:
+    """Return the (n, 4) quaternions of SciPy rotations."""
+    return np.atleast_2d(rotations.as_quat())[:, [3, 0, 1, 2]]

@@ -1,0 +1,172 @@
+"""Trajectory files: TUM, EuRoC, KITTI.
+
+- TUM: `stamp x y z qx qy qz qw`, stamps in seconds. For EuRoC input ORB-SLAM3 writes ns there;
+  the size of the numbers shows which they are.
+- EuRoC: CSV, `stamp [ns], x, y, z, qw, qx, qy, qz` and more columns, which are not read.
+- KITTI: the upper three rows of T_fixed_moving, 12 numbers, no stamps; those come from a file with
+  one stamp a line (seconds, or integer ns), or are numbered at 10 Hz.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from lunar_rover_sim.base.arguments import brief
+from lunar_rover_sim.base.errors import EvaluationError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.paths import check_regular
+from lunar_rover_sim.base.frames import wxyz_from_matrix
+from lunar_rover_sim.base.seconds import from_seconds, in_seconds
+from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
+
+# Stamps above this are ns: as seconds they would lie 30,000 years ahead.
+_NS_FROM = 1e12
+_KITTI_PERIOD_NS = 100_000_000
+_MAX_BYTES = 1 << 30
+_LARGEST = 1e12     # of a coordinate [m]: beyond the planets
+
+
+def read_tum(path: Path | str) -> Trajectory:
+    """Read a TUM file; raise EvaluationError that names file and line."""
+    path = Path(path)
+    return _from_rows(path, list(_rows(path, 8, 8)), (4, 5, 6, 7))
+
+
+def read_euroc(path: Path | str) -> Trajectory:
+    """Read an EuRoC `data.csv` of poses; raise EvaluationError that names file and line."""
+    path = Path(path)
+    return _from_rows(path, list(_rows(path, 8, None)), (5, 6, 7, 4), always_ns=True)
+
+
+def read_kitti(path: Path | str, times: Path | str | None = None) -> Trajectory:
+    """Read a KITTI file; `times` holds one stamp a line.
+
+    Raises:
+        EvaluationError: If the file cannot be read, with file and line, or the counts differ.
+    """
+    path = Path(path)
+    rows = list(_rows(path, 12, 12))
+    if times is None:
+        stamps = np.arange(len(rows), dtype=np.int64) * _KITTI_PERIOD_NS
+    else:
+        words = [words[0] for _, words in _rows(Path(times), 1, None)]
+        if len(words) != len(rows):
+            raise EvaluationError(f'{path}: {len(rows)} poses, but {len(words)} stamps in {times}')
+        stamps = np.array(_stamps(Path(times), words), dtype=np.int64)
+    values = np.array([[_number(path, line, word) for word in words] for line, words in rows])
+    matrices = values.reshape(-1, 3, 4)
+    if len(matrices):
+        skew = np.abs(matrices[:, :, :3] @ matrices[:, :, :3].transpose(0, 2, 1) - np.eye(3))
+        bad = ~(skew.max(axis=(1, 2)) < 1e-3)
+        if bad.any():
+            raise EvaluationError(f'{path}: line {rows[int(np.argmax(bad))][0]}: the first three '
+                                  'columns are no rotation')
+    quats = np.array([wxyz_from_matrix(m[:, :3]) for m in matrices]).reshape(-1, 4)
+    return Trajectory(stamps, matrices[:, :, 3].reshape(-1, 3), quats, str(path))
+
+
+def write_tum(path: Path | str, trajectory: Trajectory) -> None:
+    """Write a TUM file, stamps exact to the ns; raise EvaluationError if that fails."""
+    q = trajectory.orientations_wxyz
+    numbers = np.hstack([trajectory.positions_m, q[:, 1:], q[:, :1]]).tolist()
+    lines = (f'{in_seconds(ns)} {" ".join(map(repr, row))}\n'
+             for ns, row in zip(trajectory.stamps_ns.tolist(), numbers))
+    atomic_write(path, ''.join(lines), EvaluationError)
+
+
+def read_trajectory(path: Path | str, times: Path | str | None = None) -> Trajectory:
+    """Read a trajectory file of any format; its suffix and its first line show which."""
+    path = Path(path)
+    for line, words in _rows(path, 1, None):
+        count = len(words)
+        if count == 12 and path.suffix.lower() != '.csv':
+            return read_kitti(path, times)
+        if path.suffix.lower() == '.csv':
+            return read_euroc(path)
+        if count == 8:
+            return read_tum(path)
+        raise EvaluationError(f'{path}: line {line} has {count} columns; valid are 8 (TUM), 12 '
+                              '(KITTI), or a .csv file (EuRoC)')
+    raise EvaluationError(f'{path}: holds no poses')
+
+
+def _rows(path: Path, least: int, most: int | None) -> Iterator[tuple[int, list[str]]]:
+    """Yield (line number, words) of all lines that are not empty or comments."""
+    try:
+        check_regular(path, EvaluationError)
+        if path.stat().st_size > _MAX_BYTES:
+            raise EvaluationError(f'{path}: larger than {_MAX_BYTES >> 20} MiB; not a trajectory')
+        text = path.read_text(encoding='utf-8')
+    except OSError as error:
+        raise EvaluationError(f'{path}: cannot be read: {error.strerror}') from None
+    except UnicodeDecodeError:
+        raise EvaluationError(f'{path}: is not a text file') from None
+    for number, line in enumerate(text.splitlines(), 1):
+        line = line.partition('#')[0].strip()
+        if not line:
+            continue
+        words = line.replace(',', ' ').split()
+        if len(words) < least or (most is not None and len(words) > most):
+            valid = f'{least}' if most == least else f'at least {least}'
+            raise EvaluationError(f'{path}: line {number} has {len(words)} columns; valid is '
+                                  f'{valid}')
+        yield number, words
+
+
+def _from_rows(path: Path, rows: Sequence[tuple[int, list[str]]], xyzw: tuple[int, ...],
+               always_ns: bool = False) -> Trajectory:
+    """Return the trajectory of rows `stamp x y z` + quaternion at the columns `xyzw`."""
+    if not rows:
+        raise EvaluationError(f'{path}: holds no poses')
+    stamps = _stamps(path, [words[0] for _, words in rows], always_ns)
+    columns = (1, 2, 3, xyzw[3], *xyzw[:3])
+    values = np.array([[_number(path, line, words[c]) for c in columns] for line, words in rows])
+    _check_order(path, stamps, [line for line, _ in rows])
+    return Trajectory(np.array(stamps, dtype=np.int64), values[:, :3], values[:, 3:], str(path))
+
+
+def _check_order(path: Path, stamps: Sequence[int], lines: Sequence[int]) -> None:
+    for k in range(1, len(stamps)):
+        if stamps[k] <= stamps[k - 1]:
+            raise EvaluationError(f'{path}: line {lines[k]}: stamp {stamps[k]} ns does not follow '
+                                  f'{stamps[k - 1]} ns; stamps must increase')
+
+
+def _stamps(path: Path, words: Sequence[str], always_ns: bool = False) -> list[int]:
+    """Return ns; decimals are read as text, so that seconds keep their ns."""
+    try:
+        largest = max((abs(_float(word)) for word in words), default=0.0)
+        ns = always_ns or largest > _NS_FROM
+        to_ns: Callable[[str], int] = _integer if ns else from_seconds
+        stamps = [to_ns(word) for word in words]
+    except (ValueError, OverflowError):
+        raise EvaluationError(f'{path}: a stamp is not a finite number') from None
+    for stamp in stamps:
+        if abs(stamp) >= 1 << 63:
+            raise EvaluationError(f'{path}: stamp {brief(stamp)} ns is not valid; valid are 64 '
+                                  'bits')
+    return stamps
+
+
+def _integer(word: str) -> int:
+    return int(word) if word.lstrip('+-').isdigit() else round(float(word))
+
+
+def _float(word: str) -> float:
+    if '_' in word or not word.isascii():   # Python reads 1_0 as 10, and digits of all scripts
+        raise ValueError(word)
+    return float(word)
+
+
+def _number(path: Path, line: int, word: str) -> float:
+    try:
+        value = _float(word)
+    except ValueError:
+        raise EvaluationError(f'{path}: line {line}: {word!r} is not a number') from None
+    if not abs(value) <= _LARGEST:
+        raise EvaluationError(f'{path}: line {line}: {word} is not valid; valid is finite and '
+                              f'up to {_LARGEST:g}')
+    return value

@@ -1,0 +1,166 @@
+"""Running one estimator on one bag: export, estimate, evaluate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+from pathlib import Path
+import shutil
+from typing import Any
+
+import numpy as np
+
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import EvaluationError, SlamError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.results import json_text, plain
+from lunar_rover_sim.image.camera.encoding import EIGHT_BITS, has_16_bits
+from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
+from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
+from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum
+from lunar_rover_sim.judge.evaluation.trajectory_plots import save_plots
+from lunar_rover_sim.judge.evaluation.trajectory_sources import trajectory_of_topic
+from lunar_rover_sim.judge.slam import euroc_reader
+from lunar_rover_sim.judge.slam.estimators import Estimator, join
+from lunar_rover_sim.products.sequences.export import export, FORMATS
+from lunar_rover_sim.products.sequences.sensors import recorded_sensors
+from lunar_rover_sim.rover.physics.state import TipOver
+from lunar_rover_sim.run.child_process import Echo
+
+ESTIMATE = 'estimate.txt'
+
+Step = Callable[[str, 'int | None'], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class SlamResult:
+    """The result of one run; what is unknown is NaN.
+
+    Attributes:
+        reason: Why there is no result, or what else went wrong; empty if all went well.
+        frames: Images that the estimator was given.
+        tracked_share: Share of these that have a pose.
+        ate_m: Absolute trajectory error [m], RMS, after alignment by Sim(3) for mono, else by
+            SE(3).
+        scale: True over estimated size of the path, from the alignment by Sim(3).
+        ate_percent: The error in percent of the distance.
+        rpe_m: Relative pose error over pieces of equal length [m], RMS.
+        drift_percent: Drift in percent of the distance.
+        distance_m: Distance driven over the whole recording [m].
+        duration_s, wall_s: Simulated time of the recording, and wall time of the estimator [s].
+    """
+
+    system: str
+    sensor: str
+    reason: str = ''
+    frames: int = 0
+    tracked_share: float = 0.0
+    ate_m: float = float('nan')
+    scale: float = float('nan')
+    ate_percent: float = float('nan')
+    rpe_m: float = float('nan')
+    drift_percent: float = float('nan')
+    distance_m: float = float('nan')
+    duration_s: float = float('nan')
+    wall_s: float = float('nan')
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return plain values for JSON; NaN becomes None."""
+        return plain(dataclasses.asdict(self))
+
+    @classmethod
+    def from_mapping(cls, values: dict[str, Any]) -> SlamResult:
+        """Return the result that `to_mapping` wrote."""
+        names = {field.name for field in dataclasses.fields(cls)}
+        plain: dict[str, Any] = {k: float('nan') if v is None else v for k, v in values.items()
+                                 if k in names}
+        return cls(**plain)
+
+
+def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None = None,
+               step: Step = lambda _text, _total: None,
+               advance: Callable[[], None] = lambda: None,
+               kept_sequence: Path | None = None,
+               stop: Callable[[], bool] = lambda: False, plots: bool = False) -> SlamResult:
+    """Export a bag, run an estimator on it and judge the outcome. A lost track is a result.
+
+    Args:
+        bag: A bag folder.
+        estimator: The program and its input.
+        folder: Must exist; gets settings, log, estimate.txt (TUM), evaluation.json and path.npz
+            (`stamps_ns`, `truth_m`, `estimate_m`, aligned).
+        echo: Called with each line of the log.
+        step: Called with what is being done and in how many parts, None where nobody knows.
+        advance: Called after each of them.
+        kept_sequence: Folder of the exported sequence, which stays; if it exists, it is the
+            sequence of this bag in the format of the estimator. None: the sequence is removed.
+        stop: Once it returns True, the program is ended early.
+        plots: Whether to write the figures of an evaluation, too.
+
+    Raises:
+        SlamError, BagError, SequenceError, EvaluationError: If there can be no result.
+    """
+    sequence = kept_sequence or folder / 'sequence'
+    if kept_sequence is None:
+        shutil.rmtree(sequence, ignore_errors=True)
+    with open_bag(bag) as opened:
+        truth = trajectory_of_topic(opened)
+        if estimator.system == 'orbslam3' and opened.count(topics.LEFT_IMAGE.name):
+            encoding = opened.first(topics.LEFT_IMAGE.name).encoding
+            if has_16_bits(encoding):
+                raise SlamError(f'{bag}: images of encoding {encoding} are not valid for '
+                                f'ORB-SLAM3; valid are {", ".join(EIGHT_BITS)}')
+        kind = FORMATS[estimator.format]
+        suite = recorded_sensors(opened, kind.needs)
+        messages = sum(opened.counts[opened.resolve(name)] for name in kind.needs + kind.uses
+                       if opened.has(name))
+    distance_m = truth.length_m
+    if not sequence.exists():
+        step('exporting', messages)
+        export(bag, sequence, estimator.format, advance, epoch_ns=0)     # stamps of the bag
+    try:
+        # Only of the built-in odometry is it known how far it is.
+        step('estimating', len(euroc_reader.stamps_ns(sequence))
+             if estimator.system == 'reference' else None)
+        outcome = estimator.estimate(sequence, suite, folder, echo, advance, stop)
+    finally:
+        if kept_sequence is None:
+            shutil.rmtree(sequence, ignore_errors=True)
+    step('evaluating', None)
+    reason = join(outcome.reason, tipped_over(truth))
+    known = SlamResult(estimator.system, estimator.sensor, reason, len(outcome.frames_ns),
+                       distance_m=distance_m, wall_s=outcome.wall_s,
+                       duration_s=1e-9 * float(truth.stamps_ns[-1] - truth.stamps_ns[0]))
+    if outcome.trajectory is None:
+        return known
+    write_tum(folder / ESTIMATE, outcome.trajectory)
+    try:
+        judged = evaluate(bag, outcome.trajectory,
+                          align='sim3' if estimator.sensor == 'mono' else 'se3',
+                          estimate_frame=estimator.poses_of, frame_stamps_ns=outcome.frames_ns)
+    except EvaluationError as error:
+        return dataclasses.replace(known, reason=join(reason, str(error)),
+                                   tracked_share=len(outcome.trajectory)
+                                   / max(1, len(outcome.frames_ns)))
+    atomic_write(folder / 'evaluation.json', json_text(judged.to_mapping()) + '\n')
+    if plots:
+        save_plots(judged, folder, bag)
+    np.savez(folder / 'path.npz', stamps_ns=judged.truth.stamps_ns,
+             truth_m=judged.truth.positions_m, estimate_m=judged.estimate.positions_m)
+    return dataclasses.replace(
+        known, tracked_share=judged.tracked_share, ate_m=judged.ate_m.rmse, scale=judged.scale,
+        ate_percent=100.0 * judged.ate_m.rmse / distance_m if distance_m else float('nan'),
+        rpe_m=judged.rpe_distance_m.rmse, drift_percent=judged.drift_percent)
+
+
+def tipped_over(truth: Trajectory) -> str:
+    """Return when the rover tipped over, in words; empty if it did not.
+
+    A track that is lost then says little of the estimator.
+    """
+    tip_over = TipOver()
+    for stamp_ns, orientation_wxyz in zip(truth.stamps_ns, truth.orientations_wxyz):
+        if tip_over.has_begun(orientation_wxyz):
+            return f'the rover tipped over at {stamp_ns * 1e-9:.1f} s'
+    return ''

@@ -1,0 +1,255 @@
+"""The learning study: policies held against the packaged gait on seeds that no training saw.
+
+Each walker follows a velocity command straight on and uphill over the relief of regolith, as the
+nodes would make it walk: a state every 5 ms, each answered. All walkers have the same worlds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import dataclasses
+import functools
+import hashlib
+import math
+from pathlib import Path
+
+import numpy as np
+
+from lunar_rover_sim.autonomy.learning.controller import PolicyController
+from lunar_rover_sim.autonomy.learning.policy_file import policy_path
+from lunar_rover_sim.autonomy.learning.senses import Sample
+from lunar_rover_sim.autonomy.learning.task import FALLEN_DEG, physics_of, STATE_HZ, terrain
+from lunar_rover_sim.base.errors import ConfigError, PhysicsError, StudyError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.paths import check_regular
+from lunar_rover_sim.base.files.results import csv_table, markdown_table
+from lunar_rover_sim.base.frames import tilt_deg
+from lunar_rover_sim.image.camera.config import CameraConfig
+from lunar_rover_sim.image.camera.rig import StereoRig
+from lunar_rover_sim.judge.evaluation.statistics import Comparison, Mean
+from lunar_rover_sim.judge.studies.study_folder import map_in_processes, StudyFolder
+from lunar_rover_sim.products.inspection.tracking import prediction_miss
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.gait.calibration import GaitCalibration
+from lunar_rover_sim.rover.gait.config import GaitConfig
+from lunar_rover_sim.rover.gait.controller import GaitController, LegCommand
+from lunar_rover_sim.rover.physics.foot_motion import SlipMeter
+from lunar_rover_sim.rover.physics.simulation import Simulation
+from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
+
+PACKAGED = 'packaged'
+GROUNDS, SLOPES_DEG = ('rigid', 'highland', 'highland_loose'), (0.0, 8.0)
+# Of reliefs; training draws its seeds below 10,000 and is watched on some of 20,000.
+HIDDEN_SEEDS = tuple(range(90_000, 90_020))
+SPEED_MPS, SKIP_S, DURATION_S = 0.12, 3.0, 9.0
+FRAME_HZ = 20.0         # of the constant-velocity tracker
+SETTINGS = f'{SPEED_MPS:g} m/s, {DURATION_S:g} s of which {SKIP_S:g} s are not judged\n'
+_SLIP_EVERY = 4         # states
+_STUCK = 0.1            # share of the commanded way below which a rover is stuck
+_SIZE_M = 12.8
+WALKED = 'walked'
+LEAST_P = 1e-3          # that is told as it is
+_NAN = math.nan
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """One walk to be made.
+
+    Attributes:
+        walker: `packaged`, or a policy: its name or file.
+        ground: Rigid, or a soil.
+        slope_deg: Uphill.
+        seed: Of the relief.
+        rover: Its name or file.
+    """
+
+    walker: str
+    ground: str
+    slope_deg: float
+    seed: int
+    rover: str = 'quad'
+
+
+@dataclasses.dataclass(frozen=True)
+class PolicyWalk:
+    """What was measured of a walk after its start.
+
+    Attributes:
+        outcome: walked, stuck, dug in, fallen, or the error of the simulation.
+        speed_mps: Along the course.
+        tracking_error: Of the speed, as a share of the commanded one.
+        drift_mps: Across the course.
+        transport: Electric energy over weight times way, NaN where it does not get on.
+        slip: Of all feet.
+        pitch_rate_rms_radps: About the y axis of the base.
+        miss_px: Median by which a constant-velocity tracker mispredicts at `FRAME_HZ` [px].
+    """
+
+    case: Case
+    outcome: str
+    speed_mps: float = _NAN
+    tracking_error: float = _NAN
+    drift_mps: float = _NAN
+    transport: float = _NAN
+    slip: float = _NAN
+    pitch_rate_rms_radps: float = _NAN
+    miss_px: float = _NAN
+
+
+MEASURED = tuple(field.name for field in dataclasses.fields(PolicyWalk)[2:])
+# Column → title and digits; lower is better in each.
+QUANTITIES = {'transport': ('cost of transport', 3), 'pitch_rate_rms_radps':
+              ('pitch rate RMS [rad/s]', 3), 'miss_px': ('predicted miss [px]', 2),
+              'tracking_error': ('tracking error', 3), 'slip': ('slip', 3)}
+
+
+def walk(case: Case) -> PolicyWalk:
+    """Walk a case, and return what was measured; what cannot be simulated is a result, too."""
+    rover = load_rover(case.rover)
+    world = terrain(case.seed, _SIZE_M, False, case.slope_deg)
+    try:
+        with Simulation(world, rover, physics_of(case.ground)) as simulation:
+            return _measured(case, simulation, answer_of(case, rover))
+    except (ConfigError, PhysicsError) as error:
+        return PolicyWalk(case, str(error))
+
+
+def answer_of(case: Case, rover: RoverDescription) -> Callable[[Sample], LegCommand]:
+    """Return what answers the states of a walk: the packaged gait of the ground, or a policy."""
+    if case.walker == PACKAGED:
+        gait = GaitConfig().for_rover(rover)
+        controller = GaitController(gait, GaitCalibration.of(gait, case.ground, rover.name),
+                                    rover.legs)
+        controller.set_velocity(SPEED_MPS, 0.0)
+        return lambda sample: controller.update(sample.stamp_ns, sample.angle_rad,
+                                                sample.speed_radps)
+    policy = PolicyController.load(case.walker, rover)
+    policy.set_velocity(SPEED_MPS, 0.0)
+    return policy.update
+
+
+class WalkStore(StudyFolder):
+    """The finished walks of a study, by case and by the content of the policy's file."""
+
+    def load(self, case: Case) -> PolicyWalk | None:
+        """Return a finished walk, or None; StudyError if its file cannot be read."""
+        return self.read(_file_name(case), lambda values: PolicyWalk(
+            **{**values, 'case': Case(**values['case'])}))
+
+    def save(self, walked: PolicyWalk) -> None:
+        """Keep a finished walk."""
+        self.write(_file_name(walked.case), dataclasses.asdict(walked))
+
+
+def study(cases: Sequence[Case], store: WalkStore, workers: int = 1,
+          progress: Callable[[int, int], object] = lambda done, total: None) -> list[PolicyWalk]:
+    """Walk the cases that are not in the store yet; return all walks in their order."""
+    done = {case: found for case in cases if (found := store.load(case)) is not None}
+    todo = [case for case in cases if case not in done]
+
+    def keep(walked: PolicyWalk, _count: int, _total: int) -> None:
+        store.save(walked)
+        done[walked.case] = walked
+        progress(len(done), len(cases))
+
+    map_in_processes(walk, todo, workers, keep)
+    return [done[case] for case in cases]
+
+
+def _file_name(case: Case) -> str:
+    digest = ''
+    if case.walker != PACKAGED:
+        path = policy_path(case.walker)
+        check_regular(path, StudyError)
+        digest = '_' + hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+    return (f'{Path(case.walker).stem}{digest}_{Path(case.rover).stem}_{case.ground}_'
+            f'{case.slope_deg:g}_{case.seed}')
+
+
+def write_walks(path: Path, walks: Sequence[PolicyWalk]) -> None:
+    """Write walks as CSV."""
+    names = [field.name for field in dataclasses.fields(Case)]
+    atomic_write(path, csv_table([*names, 'outcome', *MEASURED], (
+        [Path(one.case.walker).stem, *dataclasses.astuple(one.case)[1:], one.outcome,
+         *(f'{getattr(one, name):.6g}' for name in MEASURED)] for one in walks)), StudyError)
+
+
+def report_text(walks: Sequence[PolicyWalk], against: str = PACKAGED) -> str:
+    """Return tables of all grounds and slopes: means, and each walker against one of them.
+
+    Differences are those of medians of pairs; p and effect (rank-biserial) of Wilcoxon's test.
+    """
+    lines = ['Means with 95 % bootstrap intervals. p and effect are of the paired test against '
+             f'{Path(against).stem} on the same worlds; an effect of -1 is lower in every world.']
+    for ground, slope in dict.fromkeys((one.case.ground, one.case.slope_deg) for one in walks):
+        here = [one for one in walks if (one.case.ground, one.case.slope_deg) == (ground, slope)]
+        by_walker = {name: sorted((one for one in here if one.case.walker == name),
+                                  key=lambda one: one.case.seed)
+                     for name in dict.fromkeys(one.case.walker for one in here)}
+        others = by_walker.get(against, [])
+        rows = []
+        for name, found in by_walker.items():
+            cells = [Path(name).stem, f'{sum(one.outcome == WALKED for one in found)}/'
+                     f'{len(found)}']
+            for column, (_, digits) in QUANTITIES.items():
+                values = np.array([getattr(one, column) for one in found])
+                cell = Mean.of(values).text(digits)
+                if name != against and [one.case.seed for one in others] == [
+                        one.case.seed for one in found]:
+                    compared = Comparison.of(
+                        values, [getattr(one, column) for one in others])
+                    # Of a sample of all ways to swap pairs, none may be as extreme.
+                    shown = f'= {compared.p:.2g}' if compared.p >= LEAST_P else f'< {LEAST_P:g}'
+                    cell += f'; p {shown}, {compared.effect:+.2f}'
+                cells.append(cell)
+            rows.append(cells)
+        lines += ['', f'## {ground}, {slope:g}° uphill', '', *markdown_table(
+            ('walker', 'walked', *(title for title, _ in QUANTITIES.values())), rows)]
+    return '\n'.join([*lines, ''])
+
+
+def _measured(case: Case, simulation: Simulation,
+              answer: Callable[[Sample], LegCommand]) -> PolicyWalk:
+    rover, config = simulation.rover, simulation.config
+    period_s, steps = 1.0 / STATE_HZ, 1_000_000_000 // STATE_HZ // config.step_ns
+    noise = ImuNoise(ImuConfig(), STATE_HZ, np.random.default_rng(case.seed))
+    feet, poses, energy_j, pitch = SlipMeter(len(rover.legs.each)), [], 0.0, 0.0
+    every = round(STATE_HZ / FRAME_HZ)
+    state, begin, outcome = simulation.state, simulation.state, WALKED
+    first, last = round(SKIP_S * STATE_HZ), round(DURATION_S * STATE_HZ)
+    for k in range(1, last + 1):
+        simulation.command(answer(Sample.of(state, noise)).velocity_radps)
+        state = simulation.advance(steps)
+        if float(tilt_deg(state.orientation_wxyz)) > FALLEN_DEG:
+            return PolicyWalk(case, 'fallen')
+        if k == first:
+            begin = state
+        elif k > first:
+            energy_j += period_s * rover.motor.drawn_w(state.motor_torque_nm,
+                                                       state.joint_velocity_radps)
+            pitch += float(state.angular_velocity_radps[1]) ** 2
+            if k % _SLIP_EVERY == 0:
+                feet.add(simulation.foot_motion, _SLIP_EVERY * period_s)
+        if k >= first and k % every == 0:
+            poses.append(state.T_world_base)
+    time_s = (last - first) * period_s
+    way = state.position_m - begin.position_m
+    uphill = math.cos(math.radians(case.slope_deg))
+    distance, drift = float(way[0]) / uphill, float(way[1])
+    if distance < _STUCK * SPEED_MPS * time_s:
+        outcome = 'stuck'
+    if simulation.ground_contact is not None and simulation.ground_contact.dug_in:
+        outcome = 'dug in'
+    weight_n = rover.total_mass_kg * config.gravity_mps2
+    miss = prediction_miss(np.array(poses), _rig(rover), rover.standing_height_m, FRAME_HZ)
+    return PolicyWalk(
+        case, outcome, distance / time_s, abs(distance / time_s / SPEED_MPS - 1.0),
+        drift / time_s, energy_j / weight_n / distance if outcome == WALKED else _NAN, feet.total,
+        math.sqrt(pitch / (last - first)), _NAN if miss is None else miss.median_px)
+
+
+@functools.lru_cache(maxsize=2)
+def _rig(rover: RoverDescription) -> StereoRig:
+    return StereoRig(rover, CameraConfig())

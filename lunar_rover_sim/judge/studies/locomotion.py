@@ -1,0 +1,333 @@
+"""The locomotion study: the pitch that spoke legs cause, against that of a velocity interface.
+
+The same velocity command is driven on perfectly flat ground through the gait and contact model,
+and through a chassis that simply tracks it; the pitch of both is compared. Three claims are
+tested, each by a number: legs start with a transient above their steady amplitude, their pitch has
+the frequency of the steps, and a velocity interface shows neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+import csv
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lunar_rover_sim.base import frames
+from lunar_rover_sim.base.arguments import brief
+from lunar_rover_sim.base.errors import StudyError
+from lunar_rover_sim.base.files.yaml_text import read_text
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.image.camera.config import CameraConfig
+from lunar_rover_sim.image.camera.rig import StereoRig
+from lunar_rover_sim.judge.studies.walking import flat_world, STATE_PERIOD_S, walk, Walk
+from lunar_rover_sim.products.inspection.tracking import prediction_miss, PredictionMiss
+from lunar_rover_sim.rover.description import chassis_inertia, RoverDescription
+from lunar_rover_sim.rover.gait.calibration import GaitCalibration
+from lunar_rover_sim.rover.gait.config import GaitConfig
+from lunar_rover_sim.rover.gait.controller import GaitController
+from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.rover.physics.simulation import Simulation
+
+START_S = 5.0         # the transient is looked for in this time after the command
+STEADY_FROM_S = 10.0  # the steady walk begins this time after the command
+
+_MAX_BYTES = 1 << 26    # of a curve
+_LARGEST = 1e9          # of a number of a curve [s, deg]
+
+
+@dataclasses.dataclass(frozen=True)
+class PitchCurve:
+    """Pitch over time: time_s (n,) even steps, pitch_deg (n,), positive nose down."""
+
+    name: str
+    time_s: Array
+    pitch_deg: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class PitchReport:
+    """What a pitch curve shows.
+
+    Attributes:
+        steady_low_deg, steady_high_deg: Least and greatest pitch of the steady part.
+        steady_rms_deg, rms_deg: About the mean, of the steady part and of all after the command.
+        overshoot_deg: How far the first seconds after the command go beyond the steady range,
+            which here includes the pitch at rest, so that leaving it is no overshoot.
+        decay_s: Time after the command when the curve is last beyond that range by a tenth of the
+            steady amplitude.
+        dominant_hz: Frequency of the highest line of the steady spectrum (Hann window).
+        step_share: Share of the steady variance within 10 % of the step frequency; NaN if unknown.
+        periodicity: Autocorrelation of the steady part at one gait cycle, 1 = strictly periodic.
+    """
+
+    steady_low_deg: float
+    steady_high_deg: float
+    steady_rms_deg: float
+    rms_deg: float
+    overshoot_deg: float
+    decay_s: float
+    dominant_hz: float
+    step_share: float
+    periodicity: float
+
+    @property
+    def steady_amplitude_deg(self) -> float:
+        """Half the steady range."""
+        return 0.5 * (self.steady_high_deg - self.steady_low_deg)
+
+    @property
+    def transient(self) -> float:
+        """Steady amplitude plus overshoot, over steady amplitude: above 1 there is a transient."""
+        amplitude = self.steady_amplitude_deg
+        return 1.0 + self.overshoot_deg / amplitude if amplitude > 1e-6 else math.nan
+
+
+def analyse(curve: PitchCurve, command_s: float, cycle_hz: float = math.nan,
+            step_hz: float = math.nan) -> PitchReport:
+    """Return what a curve shows.
+
+    Args:
+        command_s: When the command begins [s].
+        cycle_hz, step_hz: Gait cycles and steps per second.
+
+    Raises:
+        StudyError: If the curve ends before the steady part has lasted 2 s.
+    """
+    time, pitch = curve.time_s - command_s, curve.pitch_deg
+    steady = time >= STEADY_FROM_S
+    if time[-1] < STEADY_FROM_S + 2.0:
+        raise StudyError(f'{curve.name}: ends {time[-1]:.1f} s after the command; valid is'
+                         f' >= {STEADY_FROM_S + 2.0:g} s')
+    low, high = float(pitch[steady].min()), float(pitch[steady].max())
+    after, rest = time >= 0.0, float(np.interp(0.0, time, pitch))
+    beyond = np.maximum(pitch - max(high, rest), min(low, rest) - pitch)
+    late = time[after & (beyond > 0.05 * (high - low))]
+    interval = float(np.median(np.diff(time)))
+    signal = pitch[steady] - pitch[steady].mean()
+    dominant, share = _spectrum(signal, interval, step_hz)
+    return PitchReport(
+        low, high, float(signal.std()), float(pitch[after].std()),
+        max(0.0, float(beyond[after & (time <= START_S)].max())),
+        float(late[-1]) if len(late) else 0.0, dominant, share,
+        _autocorrelation(signal, 1.0 / (cycle_hz * interval)))
+
+
+def read_curve(path: str | Path, name: str = '') -> PitchCurve:
+    """Read a pitch curve from a CSV of two columns: time [s], pitch [deg]; a header is skipped.
+
+    The curve is resampled to even steps.
+
+    Raises:
+        StudyError: If it cannot be read; the error names file and line.
+    """
+    rows: list[tuple[float, float]] = []
+    text = read_text(Path(path), _MAX_BYTES, StudyError)
+    try:
+        for number, row in enumerate(csv.reader(text.splitlines()), start=1):
+            if not row or row[0].lstrip().startswith('#'):
+                continue
+            try:
+                time, pitch = float(row[0]), float(row[1])
+            except (ValueError, IndexError):
+                if rows or number > 1:
+                    raise StudyError(f'{path}, line {number}: {brief(",".join(row))} is not'
+                                     ' time [s], pitch [deg]') from None
+                continue
+            if not (abs(time) <= _LARGEST and abs(pitch) <= _LARGEST):
+                raise StudyError(f'{path}, line {number}: {time:g}, {pitch:g} is not valid; valid '
+                                 f'are numbers up to {_LARGEST:g}')
+            rows.append((time, pitch))
+    except csv.Error as error:
+        raise StudyError(f'{path} cannot be read: {error}') from None
+    times, values = np.array(rows).reshape(-1, 2).T
+    if len(times) < 2 or np.any(np.diff(times) <= 0.0):
+        raise StudyError(f'{path}: valid are two or more rows with increasing time')
+    even = np.linspace(times[0], times[-1], len(times))
+    return PitchCurve(name or Path(path).stem, even, np.interp(even, times, values))
+
+
+def _spectrum(signal: Array, interval_s: float, step_hz: float) -> tuple[float, float]:
+    """Return the dominant frequency [Hz] and the share of power near the step frequency."""
+    n = len(signal)
+    power = np.abs(np.fft.rfft(signal * np.hanning(n), 8 * n)) ** 2
+    frequency = np.fft.rfftfreq(8 * n, interval_s)
+    total = power.sum()
+    if total < 1e-20 * n:
+        return math.nan, math.nan
+    near = np.abs(frequency - step_hz) <= max(0.1 * step_hz, 2.0 / (n * interval_s))
+    share = float(power[near].sum() / total) if math.isfinite(step_hz) else math.nan
+    return float(frequency[np.argmax(power)]), share
+
+
+def _autocorrelation(signal: Array, lag: float) -> float:
+    """Return the normalised autocorrelation at a lag [samples], or NaN."""
+    if not math.isfinite(lag) or not 1 <= round(lag) < len(signal) - 1:
+        return math.nan
+    a, b = signal[:-round(lag)], signal[round(lag):]
+    norm = math.sqrt(float(a @ a) * float(b @ b))
+    return float(a @ b) / norm if norm > 1e-12 else math.nan
+
+
+SPEEDS_MPS = (0.06, 0.12, 0.2)
+GRAVITIES_MPS2 = (1.62, 9.81)
+FRAME_RATES_HZ = (10, 20, 40)
+STAND_S = 1.0        # standing before the command
+TRACKING_S = 0.1     # time constant with which the velocity interface tracks its command
+
+
+@dataclasses.dataclass(frozen=True)
+class LocomotionCase:
+    """One speed under one gravity: both curves and their reports.
+
+    Attributes:
+        cycle_hz, step_hz: Gait cycles, and groups of legs that touch down, per second.
+        mean_speed_mps: Of the walk in its steady part.
+        misses: How far a tracker would mispredict images of the walk, at FRAME_RATES_HZ.
+    """
+
+    speed_mps: float
+    gravity_mps2: float
+    cycle_hz: float
+    step_hz: float
+    mean_speed_mps: float
+    gait: PitchCurve
+    interface: PitchCurve
+    gait_report: PitchReport
+    interface_report: PitchReport
+    misses: tuple[PredictionMiss, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Claim:
+    """A claim, whether it holds in one case, and the number that shows it."""
+
+    name: str
+    text: str
+    holds: bool
+    value: float
+    bound: str
+
+
+def claims(case: LocomotionCase) -> list[Claim]:
+    """Return the claims, tested on one case."""
+    gait, interface = case.gait_report, case.interface_report
+    ratio = gait.dominant_hz / case.step_hz
+    smooth = interface.rms_deg / gait.rms_deg
+    peak = interface.overshoot_deg / gait.steady_amplitude_deg
+    return [
+        Claim('start transient', 'steady amplitude and overshoot over the steady amplitude',
+              gait.transient > 1.1, gait.transient, '> 1.1'),
+        Claim('step frequency', 'dominant frequency of the pitch over the step frequency',
+              abs(ratio - 1.0) < 0.1, ratio, '0.9 to 1.1'),
+        Claim('smooth interface', 'RMS of the velocity interface over that of the gait',
+              smooth < 1.0 / 3.0, smooth, '< 1/3'),
+        Claim('no interface peak', 'overshoot of the velocity interface over the steady amplitude'
+              ' of the gait', peak < 1.0 / 3.0, peak, '< 1/3'),
+    ]
+
+
+def study(calibration: GaitCalibration, rover: RoverDescription | None = None,
+          physics: PhysicsConfig | None = None, gait: GaitConfig | None = None,
+          speeds_mps: Sequence[float] = SPEEDS_MPS,
+          gravities_mps2: Sequence[float] = GRAVITIES_MPS2, duration_s: float = 30.0,
+          camera: CameraConfig | None = None,
+          progress: Callable[[int, int], None] | None = None) -> list[LocomotionCase]:
+    """Walk and track every speed under every gravity.
+
+    Args:
+        duration_s: Length of each walk, from the command on [s].
+        progress: Called after each case with the number of cases done, and of all.
+    """
+    rover = rover or RoverDescription()
+    gait = (gait or GaitConfig()).for_rover(rover)
+    physics = physics or PhysicsConfig()
+    rig = StereoRig(rover, camera or CameraConfig())
+    ground, cases = flat_world(), []
+    for gravity in gravities_mps2:
+        settings = dataclasses.replace(physics, gravity_mps2=gravity, start=StartPose())
+        with Simulation(ground, rover, settings) as simulation:
+            for speed in speeds_mps:
+                cases.append(_case(simulation, calibration, gait, speed, duration_s, rig))
+                if progress is not None:
+                    progress(len(cases), len(gravities_mps2) * len(speeds_mps))
+    return cases
+
+
+def velocity_interface(time_s: ArrayLike, speed_mps: float, command_s: float,
+                       rover: RoverDescription, physics: PhysicsConfig) -> PitchCurve:
+    """Return the pitch of a chassis that tracks a commanded speed on compliant support.
+
+    The mass m of the rover rests on springs k and dampers c of the ground at the feet, at
+    x from its middle, and is pushed at the ground so that its speed tracks the command with a
+    time constant; being h above the ground it pitches by
+
+        J p'' = -m h v' - sum(x^2) (k p + c p'),    v' = (v_command - v) / tau,
+
+    integrated by the semi-implicit Euler method at no more than 0.5 ms.
+    """
+    time = np.asarray(time_s, dtype=float)
+    chassis, legs = rover.chassis, rover.legs
+    mass = rover.total_mass_kg
+    axles = np.array(rover.legs.axle_positions_m())
+    inertia = (chassis_inertia(chassis)[1, 1] + chassis.mass_kg * chassis.com_m[0] ** 2
+               + legs.mass_kg * np.sum(axles[:, 0] ** 2))
+    height = (chassis.mass_kg * chassis.com_m[2] + legs.mass_kg * np.sum(axles[:, 2])) / mass
+    height += rover.standing_height_m
+    lever = float(np.sum(axles[:, 0] ** 2))
+    stiffness = lever * physics.contact.stiffness_npm
+    damping = lever * physics.contact.damping_nspm
+    interval = float(np.median(np.diff(time)))
+    inner = max(1, math.ceil(interval / 0.0005))
+    dt = interval / inner
+    speed = pitch = rate = 0.0
+    curve = np.empty(len(time))
+    for i, now in enumerate(time):
+        curve[i] = math.degrees(pitch)
+        asked = speed_mps if now >= command_s else 0.0
+        for _ in range(inner):
+            acceleration = (asked - speed) / TRACKING_S
+            moment = -mass * height * acceleration - stiffness * pitch - damping * rate
+            speed += dt * acceleration
+            rate += dt * moment / inertia
+            pitch += dt * rate
+    return PitchCurve('velocity interface', time, curve)
+
+
+def _case(simulation: Simulation, calibration: GaitCalibration, gait: GaitConfig, speed: float,
+          duration_s: float, rig: StereoRig) -> LocomotionCase:
+    controller = GaitController(gait, calibration, simulation.rover.legs)
+
+    def command(controller: GaitController, stamp_ns: int) -> None:
+        controller.set_velocity(speed if stamp_ns * 1e-9 >= STAND_S else 0.0, 0.0, stamp_ns)
+
+    done = walk(simulation, controller, STAND_S + duration_s, command)
+    cycle_hz = controller.stride.phase_rate_hz
+    step_hz = cycle_hz * len(set(gait.offsets(simulation.rover.legs)))
+    pitch = np.degrees(done.rpy_rad[:, 1])
+    walked = PitchCurve('gait and contact', done.time_s, pitch)
+    tracked = velocity_interface(done.time_s, speed, STAND_S, simulation.rover, simulation.config)
+    steady_s = STAND_S + STEADY_FROM_S
+    whole_s = math.floor((done.time_s[-1] - steady_s) * cycle_hz) / cycle_hz
+    return LocomotionCase(
+        speed, simulation.config.gravity_mps2, cycle_hz, step_hz,
+        done.mean_velocity(steady_s, steady_s + whole_s)[0], walked, tracked,
+        analyse(walked, STAND_S, cycle_hz, step_hz), analyse(tracked, STAND_S, cycle_hz, step_hz),
+        tuple(_misses(done, rig, simulation.rover)))
+
+
+def _misses(done: Walk, rig: StereoRig, rover: RoverDescription) -> Iterator[PredictionMiss]:
+    """Yield how far constant velocity misses at each frame rate, from the command on."""
+    T_world_base = np.array([
+        frames.se3(frames.matrix_from_wxyz(frames.wxyz_from_rpy(*rpy)), position)
+        for rpy, position in zip(done.rpy_rad, done.position_m)])
+    first = int(np.searchsorted(done.time_s, STAND_S))
+    for rate_hz in FRAME_RATES_HZ:
+        every = round(1.0 / (rate_hz * STATE_PERIOD_S))
+        miss = prediction_miss(T_world_base[first::every], rig, rover.standing_height_m, rate_hz)
+        if miss is not None:
+            yield miss

@@ -1,0 +1,273 @@
+"""Drives to a goal without ROS: physics, seen depth, map and navigator in one loop.
+
+A command is made from the map and the pose that a graph in lockstep has at that time: maps are
+`MAP_LAG_S` old.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from contextlib import ExitStack
+import dataclasses
+import math
+
+import mujoco
+import numpy as np
+
+from lunar_rover_sim.autonomy.navigation.config import MapConfig, TRUTH
+from lunar_rover_sim.autonomy.navigation.elevation_map import ElevationMap
+from lunar_rover_sim.autonomy.navigation.navigator import ARRIVED, FAILED, Navigator, TILT
+from lunar_rover_sim.autonomy.navigation.planner import Planner
+from lunar_rover_sim.autonomy.navigation.traversability import (belly_clearance_m, Limits,
+                                                                traversability, Traversability)
+from lunar_rover_sim.autonomy.path_following.driver import DONE, Driver, STOPPED
+from lunar_rover_sim.base.errors import PhysicsError
+from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, path_length, se3, wxyz_from_matrix
+from lunar_rover_sim.ground.world.grid import HeightGrid
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.image.stereo.seen_depth import SeenDepth
+from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
+from lunar_rover_sim.judge.studies.navigation_poses import poses_of
+from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S
+from lunar_rover_sim.rover.mjcf import CHASSIS_GEOM
+from lunar_rover_sim.rover.physics.simulation import Simulation
+from lunar_rover_sim.rover.physics.state import RoverState, TipOver
+from lunar_rover_sim.run.scenario import Scenario
+
+SEEN, KNOWN, BLIND = 'seen', 'known', 'blind'   # drives by what it sees, by the true map, by none
+DRIVERS = (SEEN, KNOWN, BLIND)
+ARRIVED_WRONG = 'arrived elsewhere'     # by its estimate it has arrived, in truth it has not
+TIME_OVER, TIPPED = 'time over', 'tipped over'
+
+MAP_LAG_S = 0.2
+DEPTH_HZ = 3
+_COMMAND_PERIODS = 10           # of the controller: 20 Hz
+GOAL_SLACK_M = 0.3             # beyond the tolerance, by which the true goal may be missed
+_CLOSE_S = 0.3                  # belly contacts nearer in time than this [s] are one
+_KNOWN_MARGIN_M = 6.0           # of the true map around start and goal
+
+
+@dataclasses.dataclass(frozen=True)
+class GoalDrive:
+    """One drive to one goal.
+
+    Attributes:
+        driver: seen, known or blind.
+        pose: As `navigation_poses.poses_of`.
+        outcome: arrived, arrived elsewhere, tipped over, time over, or why it gave up.
+        way_m: Driven.
+        shortest_m: Of the plan over the true map from the start; NaN where there is none.
+        goal_error_m: True distance to the goal at the end.
+        pose_error_m: Distance of the estimated from the true position at the end.
+        belly_contacts: Times that the chassis has met a rock.
+        belly_high: Times that it has met one that rises by more than its clearance.
+        backed_off: Times that it has backed off.
+        energy_j: Drawn from the supply.
+        tilt_max_deg: Greatest tilt.
+        path_m: (n, 2) at 5 Hz.
+    """
+
+    seed: int
+    driver: str
+    pose: str
+    goal_m: tuple[float, float]
+    outcome: str
+    time_s: float
+    way_m: float
+    shortest_m: float
+    goal_error_m: float
+    pose_error_m: float
+    belly_contacts: int
+    belly_high: int
+    backed_off: int
+    energy_j: float
+    tilt_max_deg: float
+    path_m: Array
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it is at the true goal."""
+        return self.outcome == ARRIVED
+
+
+class BellyContacts:
+    """Counts how often the chassis meets rocks.
+
+    Attributes:
+        count: Of all rocks.
+        high: Of rocks that rise over the ground around them by more than the clearance.
+    """
+
+    def __init__(self, simulation: Simulation, ground: HeightGrid, clearance_m: float) -> None:
+        model = simulation.model
+        self._model, self._data = model, simulation.data
+        self._ground, self._clearance_m = ground, clearance_m
+        self._chassis = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, CHASSIS_GEOM)
+        self._is_rock = model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
+        self._last_s: dict[bool, float] = {}
+        self.count = self.high = 0
+
+    def add(self, time_s: float) -> None:
+        """Look at the present contacts."""
+        geoms = self._data.contact.geom
+        if not len(geoms):
+            return
+        of_chassis = geoms[(geoms == self._chassis).any(axis=1)]
+        rocks = np.unique(of_chassis[self._is_rock[of_chassis]])
+        if not len(rocks):
+            return
+        self.count += self._is_new(False, time_s)
+        if any(self.rise_m(int(rock)) > self._clearance_m for rock in rocks):
+            self.high += self._is_new(True, time_s)
+
+    def rise_m(self, rock: int) -> float:
+        """Return how far the top of a rock, a geom, is above the ground at its middle [m]."""
+        mesh = self._model.geom_dataid[rock]
+        first = self._model.mesh_vertadr[mesh]
+        vertices = self._model.mesh_vert[first:first + self._model.mesh_vertnum[mesh]]
+        place = self._data.geom_xpos[rock]
+        top = place[2] + float((vertices @ self._data.geom_xmat[rock][6:]).max())
+        return top - float(self._ground.height_at(place[None, :2])[0])
+
+    def _is_new(self, high: bool, time_s: float) -> bool:
+        last, self._last_s[high] = self._last_s.get(high, -math.inf), time_s
+        return time_s - last > _CLOSE_S
+
+
+def start_of(scenario: Scenario) -> tuple[float, float]:
+    """Return where the rover of a scenario starts, x and y [m]."""
+    start = scenario.physics_node.start
+    return start.x_m, start.y_m
+
+
+def true_costs(scenario: Scenario, world: World, goal_m: tuple[float, float]) -> Traversability:
+    """Return what the rover can cross of the true map around start and goal."""
+    start = start_of(scenario)
+    size = float(np.abs(np.subtract(goal_m, start)).max()) + 2.0 * _KNOWN_MARGIN_M
+    size = min(2.0 * world.ground.half_extent_m, 2.0 * math.ceil(0.5 * size))
+    elevation = TrueSurface(world).elevation(0.5 * np.add(start, goal_m), size,
+                                             scenario.mapping_node.map.cell_m)
+    return traversability(elevation, Limits.of(scenario.rover, scenario.mapping_node.limits))
+
+
+def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driver: str,
+             pose: str = TRUTH, limit_s: float = 400.0,
+             watch: Callable[[RoverState, Traversability | None, Navigator | None], object]
+             | None = None) -> GoalDrive:
+    """Drive once, from the start of the scenario to a goal [m].
+
+    Args:
+        driver: seen, known or blind: a straight route that avoids nothing.
+        pose: As `navigation_poses.poses_of`.
+        limit_s: Simulated time after which the drive ends.
+        watch: Called with state, map and navigator of each command.
+    """
+    noise_seed = scenario.shared.seed
+    limits = Limits.of(scenario.rover, scenario.mapping_node.limits)
+    nav = dataclasses.replace(scenario.navigator_node, has_goal=True, goal_x_m=goal_m[0],
+                              goal_y_m=goal_m[1], waypoints_x_m=(), waypoints_y_m=())
+    truth = true_costs(scenario, world, goal_m)
+    truth = dataclasses.replace(truth, stamp_ns=round(limit_s * 1e9))   # it never grows old
+    shortest = Planner(truth, nav.plan, limits.half_width_m, start_of(scenario)).plan(goal_m)
+    with ExitStack() as owned:
+        simulation = owned.enter_context(
+            Simulation(world, scenario.rover, scenario.physics_node))
+        controller = scenario.gait_controller()
+        steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
+        state = simulation.state
+        poses = owned.enter_context(poses_of(pose, scenario, world, simulation, noise_seed))
+        belly = BellyContacts(simulation, world.ground, belly_clearance_m(scenario.rover))
+        tip = TipOver()
+        navigator = Navigator(nav, limits.half_width_m, world.ground.half_extent_m)
+        eyes = Eyes(scenario, world, noise_seed, pose) if driver == SEEN else None
+        straight = Driver(dataclasses.replace(
+            scenario.drive_node, mode='waypoints', shape='none', relative=False, laps=1,
+            waypoints_x_m=(goal_m[0],), waypoints_y_m=(goal_m[1],),
+            goal_tolerance_m=nav.goal_tolerance_m), world.ground.half_extent_m)
+        outcome, path, energy, tilt, backed_off, velocity = TIME_OVER, [], 0.0, 0.0, 0, (0.0, 0.0)
+        try:
+            for k in range(round(limit_s / STATE_PERIOD_S)):
+                if k % _COMMAND_PERIODS == 0:
+                    pose_ns, T = poses.newest(state.stamp_ns) or (None, np.eye(4))
+                    quaternion, position = wxyz_from_matrix(T[:3, :3]), T[:3, 3]
+                    grid: Traversability | None = None
+                    if driver == BLIND:
+                        told = straight.update(state.stamp_ns, position, quaternion)
+                        velocity = told.forward_mps, told.yaw_rate_radps
+                        if told.status in (DONE, STOPPED):
+                            outcome = ARRIVED if told.status == DONE else told.reason.split()[0]
+                            break
+                    else:
+                        grid = truth if eyes is None else \
+                            eyes.grid(state, poses.present(state))
+                        command = navigator.update(state.stamp_ns, pose_ns, position,
+                                                   quaternion, grid)
+                        velocity = command.forward_mps, command.yaw_rate_radps
+                        backed_off += sum(n.startswith('backs off') for n in navigator.notes)
+                        if watch is not None:
+                            watch(state, grid, navigator)
+                        navigator.notes.clear()
+                        if command.status in (ARRIVED, FAILED):
+                            outcome = command.failure or ARRIVED
+                            break
+                    if k % 40 == 0:
+                        path.append(state.position_m[:2])
+                controller.set_velocity(*velocity, state.stamp_ns)
+                legs = controller.update(state.stamp_ns, state.joint_angle_rad,
+                                         state.joint_velocity_radps)
+                simulation.command(legs.velocity_radps)
+                state = simulation.advance(steps)
+                poses.add(state)
+                belly.add(state.stamp_ns * 1e-9)
+                energy += STATE_PERIOD_S * scenario.rover.motor.drawn_w(
+                    state.motor_torque_nm, state.joint_velocity_radps)
+                if tip.has_begun(state.orientation_wxyz):
+                    outcome = TIPPED
+                    break
+                tilt = max(tilt, tip.tilt_deg)
+        except PhysicsError as error:
+            outcome = str(error)
+        off = float(np.linalg.norm(state.position_m[:2] - goal_m))
+        if outcome == ARRIVED and off > nav.goal_tolerance_m + GOAL_SLACK_M:
+            outcome = ARRIVED_WRONG
+        if outcome == TILT and tip.lies:
+            outcome = TIPPED
+        return GoalDrive(
+            scenario.shared.seed, driver, pose, goal_m, outcome, state.stamp_ns * 1e-9,
+            path_length(np.array(path)) if len(path) > 1 else 0.0,
+            shortest.length_m if shortest is not None and shortest.reaches_goal else math.nan,
+            off, poses.error_m, belly.count, belly.high,
+            backed_off, energy, tilt, np.array(path).reshape(-1, 2))
+
+
+class Eyes:
+    """What a rover sees and maps of a world, with the delay that it has in a graph."""
+
+    def __init__(self, scenario: Scenario, world: World, seed: int, pose: str) -> None:
+        config = scenario.mapping_node
+        self._seen = SeenDepth(world, scenario.rover, scenario.render_node.camera,
+                               scenario.render_node.sun, seed)
+        self._config: MapConfig = config.map
+        # The errors are those of the real images: here a pixel is as many of them.
+        self._baseline_m = self._seen.real_baseline_m
+        self.map = ElevationMap(config.map.by_pose(pose))
+        self._limits = Limits.of(scenario.rover, config.limits)
+        self._fill = config.limits.fill_cells
+        self._made: deque[Traversability] = deque()
+        self._newest: Traversability | None = None
+        self._next_ns = 0
+
+    def grid(self, state: RoverState, T_estimate: Array | None) -> Traversability | None:
+        """Look if it is time to and a pose is known; return the newest map that has arrived."""
+        now = state.stamp_ns
+        if now >= self._next_ns and T_estimate is not None:
+            self._next_ns += round(1e9 / DEPTH_HZ)
+            depth = self._seen.look(se3(matrix_from_wxyz(state.orientation_wxyz),
+                                        state.position_m), self._config.max_range_m)
+            self.map.add_depth(now, depth, self._seen.K, self._baseline_m,
+                               T_estimate @ self._seen.T_base_camera, T_estimate[:3, 3])
+            self._made.append(traversability(self.map.elevation(), self._limits, self._fill))
+        while self._made and now - self._made[0].stamp_ns >= MAP_LAG_S * 1e9:
+            self._newest = self._made.popleft()
+        return self._newest

@@ -1,0 +1,152 @@
+"""The terramechanics study: walks on rigid and soft ground, up slopes, and against a pull.
+
+Each walk follows a velocity command straight on, with the packaged gait, on a plane. What is
+measured begins after the first seconds, when the start is over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+
+from lunar_rover_sim.base.errors import ConfigError, PhysicsError
+from lunar_rover_sim.base.frames import rpy_from_wxyz
+from lunar_rover_sim.ground.regolith.config import GroundConfig, REGOLITH, RIGID
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.judge.studies.walking import sloping_world, STATE_PERIOD_S
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.gait.calibration import GaitCalibration
+from lunar_rover_sim.rover.gait.config import GaitConfig
+from lunar_rover_sim.rover.gait.controller import GaitController
+from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.rover.physics.foot_motion import SlipMeter
+from lunar_rover_sim.rover.physics.simulation import Simulation
+
+GROUNDS = (RIGID, 'highland_dense', 'highland', 'highland_loose')
+SLOPES_DEG = tuple(2.5 * k for k in range(13))
+PULLS = tuple(round(0.05 * k, 2) for k in range(19))   # over the weight
+SKIP_S = 3.0
+HALF_EXTENT_M = 30.0   # of the plane, so that a rover that is pulled back stays on it
+
+
+@dataclasses.dataclass(frozen=True)
+class Ground:
+    """A walk to be made: ground (`rigid` or a preset), slope [deg], pull backward [weights]."""
+
+    name: str
+    slope_deg: float = 0.0
+    pull: float = 0.0
+
+    def config(self, base: GroundConfig = GroundConfig()) -> GroundConfig:
+        """Return the parameters of the ground; base: its other parameters.
+
+        Raises:
+            ConfigError: For a preset that does not exist.
+        """
+        if self.name == RIGID:
+            return dataclasses.replace(base, model=RIGID)
+        return dataclasses.replace(base, model=REGOLITH, preset=self.name)
+
+
+@dataclasses.dataclass(frozen=True)
+class WalkSettings:
+    """What walks: rover, physics and gait; speed [m/s] and duration [s]."""
+
+    rover: RoverDescription = RoverDescription()
+    physics: PhysicsConfig = PhysicsConfig()
+    gait: GaitConfig = GaitConfig()
+    speed_mps: float = 0.12
+    duration_s: float = 13.0
+
+
+@dataclasses.dataclass(frozen=True)
+class GroundWalk:
+    """One walk.
+
+    Attributes:
+        outcome: 'walked', or why not.
+        speed_mps: Along the slope, upward.
+        lateral_mps: Across it.
+        slip: Of all feet, as `SlipMeter.total`.
+        transport: Electric energy / (weight × distance), infinite where it does not get on.
+        power_w: Mean electric power.
+        pitch_rms_deg: RMS of the pitch about its mean.
+        sinkage_m: Mean of the deepest foot.
+        sinkage_max_m: The greatest.
+    """
+
+    ground: Ground
+    outcome: str
+    speed_mps: float = math.nan
+    lateral_mps: float = math.nan
+    slip: float = math.nan
+    transport: float = math.nan
+    power_w: float = math.nan
+    pitch_rms_deg: float = math.nan
+    sinkage_m: float = math.nan
+    sinkage_max_m: float = math.nan
+
+
+def measure(settings: WalkSettings, ground: Ground, world: World | None = None) -> GroundWalk:
+    """Walk, and return what was measured; a rover that cannot stand there is a result, too.
+
+    Args:
+        world: To walk on, by default a plane of the ground's slope.
+    """
+    physics = dataclasses.replace(settings.physics, start=StartPose(),
+                                  ground=ground.config(settings.physics.ground))
+    world = world or sloping_world(ground.slope_deg, HALF_EXTENT_M)
+    try:
+        with Simulation(world, settings.rover, physics) as simulation:
+            return _walk(settings, ground, simulation)
+    except (ConfigError, PhysicsError) as error:
+        return GroundWalk(ground, str(error))
+
+
+def holding(walks: Sequence[GroundWalk]) -> list[GroundWalk]:
+    """Return the walks against a growing pull up to the first that is drawn back."""
+    grown = sorted(walks, key=lambda walk: walk.ground.pull)
+    return list(itertools.takewhile(lambda walk: walk.speed_mps > 0.0, grown))
+
+
+def _walk(settings: WalkSettings, ground: Ground, simulation: Simulation) -> GroundWalk:
+    rover, gait = settings.rover, settings.gait
+    controller = GaitController(gait, GaitCalibration.of(gait, ground.name, rover.name),
+                                rover.legs)
+    weight = rover.total_mass_kg * settings.physics.gravity_mps2
+    slope = math.radians(ground.slope_deg)
+    uphill = np.array([math.cos(slope), 0.0, math.sin(slope)])
+    simulation.apply_force(-ground.pull * weight * uphill)
+    steps = max(1, round(STATE_PERIOD_S / settings.physics.step_s))
+    period_s = steps * settings.physics.step_s
+    state, feet = simulation.state, SlipMeter(len(simulation.rover.legs.each))
+    begin, energy = state.position_m, 0.0
+    pitch, sinkage = [], [0.0]
+    measured = 0
+    for _ in range(round(settings.duration_s / period_s)):
+        controller.set_velocity(settings.speed_mps, 0.0, state.stamp_ns)
+        legs = controller.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)
+        simulation.command(legs.velocity_radps)
+        state = simulation.advance(steps)
+        if state.stamp_ns * 1e-9 <= SKIP_S:
+            begin = state.position_m
+        else:
+            measured += 1
+            feet.add(simulation.foot_motion, period_s)
+            energy += period_s * rover.motor.drawn_w(state.motor_torque_nm,
+                                                     state.joint_velocity_radps)
+            pitch.append(math.degrees(rpy_from_wxyz(state.orientation_wxyz)[1]))
+            contact = simulation.ground_contact
+            if contact is not None:
+                sinkage.append(float(contact.sinkage_m.max()))
+    way = state.position_m - begin
+    distance, time_s = float(way @ uphill), measured * period_s
+    dug_in = simulation.ground_contact is not None and simulation.ground_contact.dug_in
+    return GroundWalk(
+        ground, 'dug in' if dug_in else 'walked', distance / time_s, float(way[1]) / time_s,
+        feet.total, energy / (weight * distance) if distance > 0.01 else math.inf,
+        energy / time_s, float(np.std(pitch)), float(np.mean(sinkage)), max(sinkage))

@@ -1,0 +1,392 @@
+"""The traverse study: minutes of waypoints over rough worlds, and their cost to the rover."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import dataclasses
+import functools
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.ndimage import uniform_filter1d
+
+from lunar_rover_sim.autonomy.path_following.config import DriveConfig
+from lunar_rover_sim.autonomy.path_following.driver import DONE, Driver, STOPPED
+from lunar_rover_sim.base.errors import PhysicsError, StudyError
+from lunar_rover_sim.base.frames import Array, path_length, tilt_deg
+from lunar_rover_sim.ground.world.cache import cached
+from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.grid import HeightGrid
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.world_folder import load_world
+from lunar_rover_sim.judge.studies.study_folder import map_in_processes, StudyFolder
+from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.gait.calibration import GaitCalibration
+from lunar_rover_sim.rover.gait.config import GaitConfig
+from lunar_rover_sim.rover.gait.controller import GaitController
+from lunar_rover_sim.rover.physics.config import PhysicsConfig
+from lunar_rover_sim.rover.physics.foot_motion import SlipMeter
+from lunar_rover_sim.rover.physics.penetration import TipPenetration
+from lunar_rover_sim.rover.physics.simulation import Simulation
+from lunar_rover_sim.rover.physics.state import RoverState
+
+PATH_PERIOD_S = 0.2                   # of the recorded path
+STRANDED_S, STRANDED_M = 60.0, 0.5    # a rover that stays this long this near its end is stranded
+DRIVEN, TIPPED_OVER, STRANDED, DUG_IN = 'driven', 'tipped over', 'stranded', 'dug in'  # outcomes
+
+
+@dataclasses.dataclass(frozen=True)
+class Traverse:
+    """One drive over one world.
+
+    Attributes:
+        outcome: 'driven' (all the time), 'tipped over', 'stranded' (all the time, but stuck in one
+            place at the end, although it backed up), 'dug in' (stranded, with feet deep in
+            regolith), or an error of the simulation.
+        driven_s: Simulated time [s].
+        distance_m: Length of the horizontal path at 5 Hz [m].
+        waypoints, stuck, tilted: Waypoints reached, times stuck, times stopped by tilt and
+            recovered.
+        slip: Of all feet, as `SlipMeter.total`.
+        transport_mechanical, transport_electric: Energy / (mass gravity distance), of the positive
+            power at the legs and of that drawn from the supply (nothing is recuperated).
+        tilt_mean_deg, tilt_p95_deg, tilt_max_deg: Angle between base z and the vertical [deg].
+        pitch_rms_deg: RMS of the pitch about its mean over two seconds: that of the walk [deg].
+        penetration_max_m: Greatest penetration of a spoke tip into ground or rock, at 200 Hz [m].
+        path_m: (n, 3) positions at 5 Hz, world frame [m].
+    """
+
+    seed: int
+    outcome: str
+    driven_s: float
+    distance_m: float
+    waypoints: int
+    stuck: int
+    tilted: int
+    slip: float
+    transport_mechanical: float
+    transport_electric: float
+    tilt_mean_deg: float
+    tilt_p95_deg: float
+    tilt_max_deg: float
+    pitch_rms_deg: float
+    penetration_max_m: float
+    path_m: Array
+
+    @property
+    def tipped_over(self) -> bool:
+        """Whether it ended on its side or back."""
+        return self.outcome == TIPPED_OVER
+
+    @property
+    def speed_mps(self) -> float:
+        """Mean speed [m/s]."""
+        return self.distance_m / self.driven_s if self.driven_s else 0.0
+
+
+def is_stranded(path_m: Array) -> bool:
+    """Return whether an (n, 3) path at 5 Hz [m] has been near its end for long."""
+    last = path_m[-round(STRANDED_S / PATH_PERIOD_S):, :2]
+    return (len(last) * PATH_PERIOD_S >= STRANDED_S
+            and float(np.linalg.norm(last - last[-1], axis=1).max()) < STRANDED_M)
+
+
+WAYPOINT_STEP_M = (2.0, 7.0)   # least and greatest distance between waypoints
+OBSTACLE_M = 0.04              # rocks that rise more than this are driven around
+ROCK_HEIGHT = 0.7              # height of a rock over its greatest horizontal diameter, about
+CORRIDOR_M = 0.4               # least distance of the way from the middle of such a rock
+MAX_TRIALS = 2000              # for the next waypoint, before the search is given up
+MARGIN_M = 4.0                 # least distance of waypoints from the edge
+
+
+def obstacles(world: World) -> Array:
+    """Return (n, 2) positions of the rocks that rise higher than the rover can stride over."""
+    rocks = world.rocks
+    if len(rocks) == 0:
+        return np.zeros((0, 2))
+    xy = rocks.position_m[:, :2]
+    rise = rocks.position_m[:, 2] + 0.5 * ROCK_HEIGHT * rocks.diameter_m - world.height_at(xy)
+    return xy[rise > OBSTACLE_M]
+
+
+def random_waypoints(world: World, length_m: float, rng: np.random.Generator,
+                     start_m: ArrayLike = (0.0, 0.0)) -> Array:
+    """Return (n, 2) waypoints [m] of a route from a start (2,) on, at least length_m [m] long.
+
+    The straight way from each to the next keeps `CORRIDOR_M` from obstacles, as an operator with a
+    map would plan it: the rover avoids nothing by itself. Obstacles that are nearer to the start
+    are ignored.
+
+    Raises:
+        StudyError: If the world is too small or no route is found.
+    """
+    limit = world.ground.half_extent_m - MARGIN_M
+    if limit < WAYPOINT_STEP_M[1]:
+        raise StudyError('the world is too small to traverse:'
+                         f' {2 * world.ground.half_extent_m:g} m;'
+                         f' valid is >= {2 * (MARGIN_M + WAYPOINT_STEP_M[1]):g} m')
+    start, blocked = np.asarray(start_m, dtype=float), obstacles(world)
+    blocked = blocked[np.linalg.norm(blocked - start, axis=1) >= CORRIDOR_M]
+    points, gone, heading = [start], 0.0, rng.uniform(-math.pi, math.pi)
+    trials = 0
+    while gone < length_m:
+        trials += 1
+        if trials > MAX_TRIALS:
+            raise StudyError('no way between the rocks of this world; valid is one with fewer'
+                             ' of them')
+        # Mostly ahead; every third trial goes anywhere.
+        turn = heading + rng.normal(0.0, 0.7) if trials % 3 else rng.uniform(-math.pi, math.pi)
+        step = rng.uniform(*WAYPOINT_STEP_M)
+        point = points[-1] + step * np.array([math.cos(turn), math.sin(turn)])
+        if np.max(np.abs(point)) > limit or _distance(points[-1], point, blocked) < CORRIDOR_M:
+            continue
+        heading, gone, trials = turn, gone + step, 0
+        points.append(point)
+    return np.array(points[1:])
+
+
+def _distance(start: Array, end: Array, points: Array) -> float:
+    """Return the distance [m] of the nearest of (n, 2) points from a straight way."""
+    if len(points) == 0:
+        return math.inf
+    way = end - start
+    along = np.clip((points - start) @ way / (way @ way), 0.0, 1.0)
+    return float(np.min(np.linalg.norm(start + along[:, None] * way - points, axis=1)))
+
+
+REST_S = 5.0                   # a rover that is tilted past the limit has this time to come back
+ON_ITS_SIDE_DEG = 70.0         # if it is tilted less than this after REST_S, it backs up once
+BACK_UP_S, BACK_UP_MPS = 6.0, -0.08   # a rover that is stuck backs up, and takes another way
+PITCH_MEAN_S = 2.0             # window of the moving mean: steps are shorter, slopes longer
+DRIVE_PERIODS = 10             # periods of the controller per update of the driver: 20 Hz
+PATH_PERIODS = round(PATH_PERIOD_S / STATE_PERIOD_S)
+
+
+class TraverseDrive:
+    """A drive in progress; `run` it once.
+
+    Args:
+        simulation: The rover on its ground.
+        controller: Its gait.
+        config: How it follows waypoints.
+        plan: Returns (n, 2) waypoints from a position (2,) on [m], or raises StudyError.
+        ground: Bounds the drive.
+    """
+
+    def __init__(self, simulation: Simulation, controller: GaitController, config: DriveConfig,
+                 plan: Callable[[Array], Array], ground: HeightGrid) -> None:
+        self._simulation = simulation
+        self._controller = controller
+        self._config = config
+        self._plan = plan
+        self._half_extent_m = ground.half_extent_m
+        self._steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
+        self._period_s = self._steps * simulation.config.step_s
+        self._back_up_periods = round(BACK_UP_S / self._period_s)
+        self._next = 0                    # index of the waypoint ahead
+        self._reached = self._stuck = self._tilted = 0
+        self._measurement = _Measurement(simulation, ground, self._period_s)
+        self._state = simulation.state
+        self._waypoints = plan(self._state.position_m[:2])
+        self._driver = self._make_driver()
+
+    def run(self, seed: int, duration_s: float) -> Traverse:
+        """Drive until the time [s] is over or the rover has tipped over; return the result."""
+        outcome, periods = DRIVEN, round(duration_s / self._period_s)
+        velocity, back_up = (0.0, 0.0), 0
+        tilted_since: int | None = None
+        backed_up = False       # from a lasting tilt; a second one counts as tipped over
+        try:
+            for k in range(periods):
+                if back_up > 0:
+                    back_up -= 1
+                    if back_up == 0:
+                        self._go_elsewhere()
+                elif tilted_since is not None:
+                    if k - tilted_since >= REST_S / self._period_s:
+                        if _tilt_deg(self._state) > self._config.tilt_limit_deg:
+                            if backed_up or _tilt_deg(self._state) > ON_ITS_SIDE_DEG:
+                                outcome = TIPPED_OVER
+                                break
+                            backed_up = True
+                        tilted_since, self._tilted = None, self._tilted + 1
+                        back_up, velocity = self._back_up_periods, (BACK_UP_MPS, 0.0)
+                elif k % DRIVE_PERIODS == 0:
+                    state = self._state
+                    command = self._driver.update(state.stamp_ns, state.position_m,
+                                                  state.orientation_wxyz)
+                    velocity = (command.forward_mps, command.yaw_rate_radps)
+                    if command.status == DONE:
+                        self._reached += 1
+                        self._go_on()
+                    elif command.status == STOPPED and command.reason.startswith('tilted'):
+                        tilted_since = k
+                    elif command.status == STOPPED:
+                        self._stuck += 1
+                        back_up, velocity = self._back_up_periods, (BACK_UP_MPS, 0.0)
+                    else:
+                        backed_up = False
+                self._step(velocity)
+                if k % PATH_PERIODS == 0:
+                    self._measurement.path_m.append(self._state.position_m)
+        except PhysicsError as error:
+            outcome = str(error)
+        return self._measurement.result(
+            seed, outcome, self._state.stamp_ns * 1e-9,
+            (self._reached, self._stuck, self._tilted))
+
+    def _go_on(self) -> None:
+        self._next = min(self._next + 1, len(self._waypoints) - 1)
+        self._driver = self._make_driver()
+
+    def _go_elsewhere(self) -> None:
+        """Plan a new route from here; go on along the old one if there is none."""
+        try:
+            self._waypoints = self._plan(self._state.position_m[:2])
+        except StudyError:
+            self._go_on()
+        else:
+            self._next = 0
+            self._driver = self._make_driver()
+
+    def _make_driver(self) -> Driver:
+        x, y = self._waypoints[self._next]
+        config = dataclasses.replace(
+            self._config, mode='waypoints', shape='none', relative=False, laps=1,
+            start_delay_s=0.0, waypoints_x_m=(float(x),), waypoints_y_m=(float(y),))
+        return Driver(config, self._half_extent_m)
+
+    def _step(self, velocity: tuple[float, float]) -> None:
+        state = self._state
+        self._controller.set_velocity(*velocity, state.stamp_ns)
+        legs = self._controller.update(state.stamp_ns, state.joint_angle_rad,
+                                       state.joint_velocity_radps)
+        self._simulation.command(legs.velocity_radps)
+        self._state = self._simulation.advance(self._steps)
+        self._measurement.add()
+
+
+class _Measurement:
+    """What a drive sums up, period by period."""
+
+    def __init__(self, simulation: Simulation, ground: HeightGrid, period_s: float) -> None:
+        self._simulation = simulation
+        self._period_s = period_s
+        self._tips = TipPenetration(simulation, ground)
+        self._feet = SlipMeter(len(self._simulation.rover.legs.each))
+        self._mechanical_j = self._electric_j = 0.0
+        self._tilts_deg: list[float] = []
+        self._pitches_deg: list[float] = []
+        self._penetration_m = 0.0
+        self.path_m: list[Array] = []
+
+    def add(self) -> None:
+        """Take in the state of the simulation after a period."""
+        state, dt = self._simulation.state, self._period_s
+        self._tilts_deg.append(_tilt_deg(state))
+        self._pitches_deg.append(_pitch_deg(state))
+        for torque, speed in zip(state.motor_torque_nm.tolist(),
+                                 state.joint_velocity_radps.tolist()):
+            self._mechanical_j += max(torque * speed, 0.0) * dt
+        self._electric_j += dt * self._simulation.rover.motor.drawn_w(
+            state.motor_torque_nm, state.joint_velocity_radps)
+        self._penetration_m = max(self._penetration_m, self._tips.deepest_m())
+        self._feet.add(self._simulation.foot_motion, dt)
+
+    def result(self, seed: int, outcome: str, driven_s: float,
+               counts: tuple[int, int, int]) -> Traverse:
+        """Return the result; counts: waypoints reached, times stuck, times tilted."""
+        path = np.array(self.path_m).reshape(-1, 3)
+        distance = path_length(path[:, :2])
+        mass = self._simulation.rover.total_mass_kg
+        weight = max(mass * self._simulation.config.gravity_mps2, 1e-9)
+        tilts = np.array(self._tilts_deg or [0.0])
+        if outcome == DRIVEN and is_stranded(path):
+            contact = self._simulation.ground_contact
+            outcome = DUG_IN if contact is not None and contact.dug_in else STRANDED
+        return Traverse(
+            seed, outcome, driven_s, distance, *counts,
+            self._feet.total,
+            self._mechanical_j / (weight * distance) if distance else math.nan,
+            self._electric_j / (weight * distance) if distance else math.nan,
+            float(tilts.mean()), float(np.percentile(tilts, 95.0)), float(tilts.max()),
+            self._pitch_rms_deg(), self._penetration_m, path)
+
+    def _pitch_rms_deg(self) -> float:
+        """Return the RMS of the pitch about its moving mean [deg]."""
+        pitch = np.array(self._pitches_deg or [0.0])
+        return float(np.std(pitch - uniform_filter1d(pitch, round(PITCH_MEAN_S / self._period_s))))
+
+
+def _pitch_deg(state: RoverState) -> float:
+    """Return the angle by which base x points down [deg]."""
+    w, x, y, z = state.orientation_wxyz.tolist()
+    return math.degrees(math.asin(max(-1.0, min(1.0, 2.0 * (w * y - x * z)))))
+
+
+def _tilt_deg(state: RoverState) -> float:
+    return float(tilt_deg(state.orientation_wxyz))
+
+
+class TraverseStore(StudyFolder):
+    """The finished drives of a study, by ground and seed."""
+
+    def load(self, ground: str, seed: int) -> Traverse | None:
+        """Return a finished drive, None if there is none; StudyError if it cannot be read."""
+        return self.read(f'{ground}_{seed}', lambda values: Traverse(
+            **{**values, 'path_m': np.array(values['path_m']).reshape(-1, 3)}))
+
+    def save(self, ground: str, result: Traverse) -> None:
+        """Keep a finished drive."""
+        self.write(f'{ground}_{result.seed}',
+                   {**dataclasses.asdict(result), 'path_m': result.path_m.tolist()})
+
+
+@dataclasses.dataclass(frozen=True)
+class TraverseSettings:
+    """What drives: rover, physics, gait and path following.
+
+    Attributes:
+        duration_s: Simulated time of each drive [s].
+
+    Raises:
+        ConfigError: If the gait does not suit the spokes.
+    """
+
+    rover: RoverDescription = RoverDescription()
+    physics: PhysicsConfig = PhysicsConfig()
+    gait: GaitConfig = GaitConfig()
+    drive: DriveConfig = DriveConfig()
+    duration_s: float = 600.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'gait', self.gait.for_rover(self.rover))
+
+
+def traverse(world: World, seed: int, settings: TraverseSettings) -> Traverse:
+    """Drive random waypoints over a world; raise StudyError if there is no route."""
+    length_m = 1.5 * settings.drive.speed_mps * settings.duration_s
+    plan = functools.partial(random_waypoints, world, length_m, np.random.default_rng(seed))
+    with Simulation(world, settings.rover, settings.physics) as simulation:
+        controller = GaitController(settings.gait, GaitCalibration.of(
+            settings.gait, settings.physics.ground.name, settings.rover.name),
+            settings.rover.legs)
+        return TraverseDrive(simulation, controller, settings.drive, plan,
+                             world.ground).run(seed, settings.duration_s)
+
+
+def study(worlds: WorldConfig, seeds: Sequence[int], settings: TraverseSettings, workers: int = 1,
+          progress: Callable[[Traverse, int, int], object] | None = None) -> list[Traverse]:
+    """Traverse one world per seed, shared by `workers` processes.
+
+    Args:
+        progress: Called after each drive with its result, the number of drives done, and of all.
+    """
+    return map_in_processes(functools.partial(_traverse_seed, worlds, settings), seeds, workers,
+                            progress)
+
+
+def _traverse_seed(worlds: WorldConfig, settings: TraverseSettings, seed: int) -> Traverse:
+    return traverse(load_world(cached(worlds, seed), verify=False), seed, settings)

@@ -1,0 +1,106 @@
+"""Walking on a simulation without ROS: controller and physics in one loop, recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.base.frames import rpy_from_wxyz, tilt_deg, wxyz_from_rpy
+from lunar_rover_sim.ground.world.grid import HeightGrid
+from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.rocks import Rocks
+from lunar_rover_sim.rover.gait.controller import GaitController
+from lunar_rover_sim.rover.physics.simulation import Simulation
+from lunar_rover_sim.run.scenario import Scenario
+
+STATE_PERIOD_S = 0.005   # period of the controller
+
+
+@dataclasses.dataclass(frozen=True)
+class Walk:
+    """A recorded walk, one sample per controller period.
+
+    time_s (n,); position_m (n, 3), world frame; rpy_rad (n, 3), yaw unwrapped, positive pitch nose
+    down; joint_angle_rad, joint_velocity_radps, motor_torque_nm, reference_rad, phase (n, legs);
+    contact_force_n (n, legs, 3), world axes
+    """
+
+    time_s: NDArray[np.float64]
+    position_m: NDArray[np.float64]
+    rpy_rad: NDArray[np.float64]
+    joint_angle_rad: NDArray[np.float64]
+    joint_velocity_radps: NDArray[np.float64]
+    motor_torque_nm: NDArray[np.float64]
+    contact_force_n: NDArray[np.float64]
+    reference_rad: NDArray[np.float64]
+    phase: NDArray[np.float64]
+
+    def steps(self) -> NDArray[np.float64]:
+        """Return (n - 1, 3) ways along and across the mean heading [m] and turns [rad]."""
+        step, yaw = np.diff(self.position_m[:, :2], axis=0), self.rpy_rad[:, 2]
+        heading = 0.5 * (yaw[1:] + yaw[:-1])
+        c, s = np.cos(heading), np.sin(heading)
+        return np.column_stack([step[:, 0] * c + step[:, 1] * s, step[:, 1] * c - step[:, 0] * s,
+                                np.diff(yaw)])
+
+    def tilt_deg(self) -> NDArray[np.float64]:
+        """Return (n,) angles between the z axes of base and world [deg]."""
+        return tilt_deg(wxyz_from_rpy(*self.rpy_rad.T).T)
+
+    def mean_velocity(self, from_s: float, to_s: float) -> tuple[float, float]:
+        """Return the mean forward speed [m/s] and yaw rate [rad/s] between two times."""
+        chosen = np.flatnonzero((self.time_s >= from_s - 1e-9) & (self.time_s <= to_s + 1e-9))
+        first, last = chosen[[0, -1]]
+        duration, yaw = self.time_s[last] - self.time_s[first], self.rpy_rad[:, 2]
+        forward = np.sum(self.steps()[first:last, 0])
+        return float(forward / duration), float((yaw[last] - yaw[first]) / duration)
+
+
+def flat_world(half_extent_m: float = 15.0, cell_m: float = 0.025) -> World:
+    """Return perfectly flat, empty ground."""
+    n = 2 * math.ceil(half_extent_m / cell_m) + 1
+    ground = HeightGrid(np.zeros((n, n), np.float32), cell_m)
+    rocks = Rocks(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)),
+                  np.zeros((0, 4)), np.zeros(0, np.float32), np.array([0.1]))
+    return World((ground,), np.ones((n, n), np.float32), rocks, (), Scenario.load('flat').world,
+                 'flat')
+
+
+def sloping_world(slope_deg: float, half_extent_m: float = 5.0) -> World:
+    """Return a plane that rises towards +x, without rocks."""
+    world = flat_world(half_extent_m, 1.0)
+    ground = world.ground
+    x = (np.arange(ground.n) - (ground.n - 1) / 2) * ground.cell_m
+    heights = np.tile(math.tan(math.radians(slope_deg)) * x, (ground.n, 1)).astype(np.float32)
+    return dataclasses.replace(world, levels=(HeightGrid(heights, ground.cell_m),))
+
+
+def walk(simulation: Simulation, controller: GaitController, duration_s: float,
+         command: Callable[[GaitController, int], object]) -> Walk:
+    """Walk from the start pose for a time [s] and return what was recorded.
+
+    The controller is updated every `STATE_PERIOD_S`; its command holds until the next update.
+
+    Args:
+        command: Called as command(controller, stamp_ns) before each update of the controller.
+    """
+    steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
+    state = simulation.reset()
+    controller.reset()
+    rows: list[tuple] = []
+    for _ in range(round(duration_s / (steps * simulation.config.step_s))):
+        command(controller, state.stamp_ns)
+        legs = controller.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)
+        simulation.command(legs.velocity_radps)
+        state = simulation.advance(steps)
+        rows.append((state.stamp_ns * 1e-9, state.position_m,
+                     rpy_from_wxyz(state.orientation_wxyz), state.joint_angle_rad,
+                     state.joint_velocity_radps, state.motor_torque_nm, state.contact_force_n,
+                     legs.angle_rad, legs.phase))
+    columns = [np.array(column) for column in zip(*rows)]
+    columns[2][:, 2] = np.unwrap(columns[2][:, 2])
+    return Walk(*columns)

@@ -1,0 +1,1 @@
+"""What is made of a recording: checks, pictures, exported sequences, OpenUSD stages."""

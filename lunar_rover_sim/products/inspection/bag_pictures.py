@@ -1,0 +1,395 @@
+"""Pictures of a bag: stereo sets, trajectory over the hillshade, attitude, IMU."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.bag import series
+from lunar_rover_sim.bag.message_validity import lidar_cloud_problem, lidar_points
+from lunar_rover_sim.bag.messages import exposure_s, header_ns
+from lunar_rover_sim.bag.reader import Bag, open_bag
+from lunar_rover_sim.bag.series import hazard_topics
+from lunar_rover_sim.bag.totals import driven_distance_m
+from lunar_rover_sim.base import frames, topics
+from lunar_rover_sim.base.errors import BagError
+from lunar_rover_sim.base.files.results import save_figure
+from lunar_rover_sim.image.camera.encoding import eight_bits
+from lunar_rover_sim.image.rendering import layer_pictures
+from lunar_rover_sim.products.inspection.heading_pictures import heading_figure
+from lunar_rover_sim.products.inspection.map_pictures import map_figure
+from lunar_rover_sim.run.recorded_run import RecordedRun
+
+_OF_LEFT = (topics.LABELS, topics.CRATERS, topics.SHADOW, topics.NORMALS, topics.OPTICAL_FLOW,
+            topics.SCENE_FLOW)
+_LEFT_OF = dict(zip(topics.OF_RIGHT, (topics.TRUE_DEPTH, topics.LABELS, topics.CRATERS,
+                                      topics.SHADOW, topics.NORMALS), strict=True))
+
+
+def truth_figures(bag: Bag, save: Callable[[Figure, str], None]) -> None:
+    """Draw the truth of the last frame with all recorded layers, for each camera of the pair."""
+    _figure(bag, _OF_LEFT, 'truth.png', save)
+    _figure(bag, topics.OF_RIGHT, 'truth_right.png', save)
+
+
+def _figure(bag: Bag, shown: Sequence[topics.Topic], file: str,
+            save: Callable[[Figure, str], None]) -> None:
+    wanted = [topic for topic in shown if bag.has(topic.name)]
+    stamps = series.common_stamps(bag, [topic.name for topic in wanted])
+    if not stamps:
+        return
+    found = series.messages_at(bag, wanted, stamps[-1])
+    figure = Figure(figsize=(10, 5.2), layout='constrained')
+    panels = figure.subplots(2, 3).flat
+    for axes in panels:
+        axes.set_axis_off()
+    for axes, topic in zip(figure.axes, (topic for topic in wanted if topic in found)):
+        axes.set_title(topic.name, fontsize=9)
+        pixels = series.picture(bag, found[topic]).pixels
+        axes.imshow(truth_picture(_LEFT_OF.get(topic, topic), pixels)[..., ::-1])
+    figure.suptitle(f'{stamps[-1] * 1e-9:.3f} s', fontsize=9)
+    save(figure, file)
+
+
+def truth_picture(topic: topics.Topic, pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """Return (h, w, 3) BGR colours of an image of a topic of the left camera's truth."""
+    if topic is topics.TRUE_DEPTH:
+        return layer_pictures.depth_picture(np.asarray(pixels, np.float32))
+    if topic is topics.LABELS:
+        return layer_pictures.label_picture(np.asarray(pixels, np.int32))
+    if topic is topics.CRATERS:
+        return layer_pictures.crater_picture(np.asarray(pixels, np.int32))
+    if topic is topics.SHADOW:
+        return layer_pictures.shadow_picture(np.asarray(pixels, np.uint8))
+    if topic is topics.NORMALS:
+        return layer_pictures.normal_picture(np.asarray(pixels, np.float32))
+    return layer_pictures.flow_picture(np.asarray(pixels, np.float32))
+
+
+Save = Callable[[Figure, str], None]
+
+_OF_HAZARD = (topics.HAZARD_IMAGE, topics.HAZARD_DEPTH, topics.HAZARD_LABELS,
+              topics.HAZARD_CRATERS)
+_CHASE_FRAMES = 4
+_NEAR_SHARE = 95.0      # the map of a scan extends to this percentile of the distances
+_CLOUDS = topics.LIDAR_POINTS, topics.LIDAR_DESKEWED
+
+
+def hazard_figures(bag: Bag, save: Save) -> None:
+    """Draw for each hazard camera the last image with all recorded truth, and that truth.
+
+    If no image has all of it, draw the last image alone.
+    """
+    for camera, names in hazard_topics(bag).items():
+        named = {bag.resolve(names[kind]): kind for kind in _OF_HAZARD if kind in names}
+        stamps = series.common_stamps(bag, list(named)) if named else []
+        if not stamps and topics.HAZARD_IMAGE in names:
+            stamps = series.common_stamps(bag, [names[topics.HAZARD_IMAGE]])
+        if not stamps:
+            continue
+        found = {named[name]: message for name, _, message in
+                 bag.messages(named, stamps[-1], stamps[-1] + 1)}
+        if topics.HAZARD_IMAGE in names and len(found) < len(named):
+            found = {topics.HAZARD_IMAGE: found[topics.HAZARD_IMAGE]}
+        figure = Figure(figsize=(10, 7.5), layout='constrained')
+        shape = (1, 1) if len(found) == 1 else (2, 2)
+        for axes in figure.subplots(*shape, squeeze=False).flat:
+            axes.set_axis_off()
+        for axes, kind in zip(figure.axes, (kind for kind in _OF_HAZARD if kind in found)):
+            pixels = series.picture(bag, found[kind]).pixels
+            axes.set_title(kind.name.replace(topics.NAME, camera), fontsize=9)
+            axes.imshow(_hazard_picture(kind, pixels)[..., ::-1])
+        figure.suptitle(f'{stamps[-1] * 1e-9:.3f} s', fontsize=9)
+        save(figure, f'hazard_{camera.replace("/", "_")}.png')
+
+
+def _hazard_picture(kind: topics.Topic, pixels: NDArray[Any]) -> NDArray[np.uint8]:
+    if kind is topics.HAZARD_IMAGE:
+        return layer_pictures.gray8(pixels)
+    if kind is topics.HAZARD_DEPTH:
+        return layer_pictures.depth_picture(pixels)
+    return truth_picture(topics.LABELS if kind is topics.HAZARD_LABELS else topics.CRATERS,
+                         pixels)
+
+
+def chase_figure(bag: Bag, save: Save) -> None:
+    """Draw images of the chase camera, spread over the bag."""
+    name = topics.CHASE_IMAGE.name
+    stamps = series.common_stamps(bag, [name])
+    if not stamps:
+        return
+    figure = Figure(figsize=(10, 6), layout='constrained')
+    for axes, stamp in zip(figure.subplots(2, 2).flat, series.spread(stamps, _CHASE_FRAMES)):
+        message = series.messages_at(bag, [topics.CHASE_IMAGE], stamp)[topics.CHASE_IMAGE]
+        axes.imshow(layer_pictures.gray8(series.picture(bag, message).pixels)[..., ::-1])
+        axes.set_title(f'{stamp * 1e-9:.3f} s', fontsize=9)
+    for axes in figure.axes:
+        axes.set_axis_off()
+    figure.suptitle(name, fontsize=9)
+    save(figure, 'chase.png')
+
+
+def lidar_figure(bag: Bag, save: Save) -> None:
+    """Draw the last scan: from above, coloured by intensity, and by direction, by distance."""
+    cloud = next((t for t in _CLOUDS if bag.count(t.name)), None)
+    scans = topics.LIDAR_SCAN
+    if cloud is None and not bag.count(scans.name):
+        return
+    name = scans.name if cloud is None else cloud.name
+    stamp = series.common_stamps(bag, [name])[-1]
+    found = series.messages_at(bag, (scans, *([] if cloud is None else [cloud])), stamp)
+    figure = Figure(figsize=(12, 5.5), layout='constrained')
+    above, panorama = figure.subplots(1, 2)
+    if cloud is not None:
+        _draw_cloud(figure, above, panorama, bag, found[cloud])
+    else:
+        panorama.set_axis_off()
+    if scans in found:
+        _draw_ring(above, found[scans])
+    above.set(xlabel='x, forward [m]', ylabel='y, left [m]', aspect='equal')
+    figure.suptitle(f'{name}, {stamp * 1e-9:.3f} s', fontsize=9)
+    save(figure, 'lidar.png')
+
+
+def _draw_cloud(figure: Figure, above: Any, panorama: Any, bag: Bag, message: Any) -> None:
+    problem = lidar_cloud_problem(message)
+    if problem:
+        raise BagError(f'{bag.path}: {topics.LIDAR_POINTS.name}: {problem}')
+    points = lidar_points(message)
+    place = np.stack([points[axis] for axis in 'xyz'], axis=-1).astype(float)
+    known = np.isfinite(place).all(axis=-1)
+    place, intensity = place[known], points['intensity'][known]
+    distance = np.linalg.norm(place, axis=-1)
+    drawn = above.scatter(*place[:, :2].T, c=intensity, s=1.0, cmap='turbo')
+    figure.colorbar(drawn, ax=above, label='intensity [%]', shrink=0.8)
+    if len(place):
+        half = max(float(np.percentile(distance, _NEAR_SHARE)), 1.0)
+        above.set(xlim=(-half, half), ylim=(-half, half))
+    azimuth = np.degrees(np.arctan2(place[:, 1], place[:, 0]))
+    elevation = np.degrees(np.arctan2(place[:, 2], np.hypot(place[:, 0], place[:, 1])))
+    drawn = panorama.scatter(azimuth, elevation, c=distance, s=1.0, cmap='turbo_r')
+    figure.colorbar(drawn, ax=panorama, label='distance [m]', shrink=0.8)
+    panorama.set(xlabel='azimuth, to the left [deg]', ylabel='elevation [deg]')
+    panorama.invert_xaxis()
+
+
+def _draw_ring(above: Any, message: Any) -> None:
+    ranges = np.asarray(message.ranges, float)
+    angle = message.angle_min + message.angle_increment * np.arange(len(ranges))
+    known = np.isfinite(ranges)
+    above.plot(ranges[known] * np.cos(angle[known]), ranges[known] * np.sin(angle[known]), '.',
+               color='black', ms=2.0, label=topics.LIDAR_SCAN.name)
+    above.legend(loc='upper right', fontsize=8)
+
+
+FRAMES = 4
+
+
+def preview(path: Path | str, output: Path | str, world: Path | str | None = None,
+            progress: Callable[[str], None] | None = None) -> list[Path]:
+    """Write PNG pictures of a bag into the folder `output` and return their paths.
+
+    stereo_<n>.png left and right image side by side, disparity and true depth below them;
+    truth.png and truth_right.png labels, craters, shadow, normals, flow; hazard_<name>.png image
+    and truth of each hazard camera; chase.png; lidar.png; exposure.png where exposure times
+    change; heading_and_power.png sun sensor, star tracker and wheel odometry against the truth,
+    motor currents and power; trajectory.png over the hillshade of the world, where its folder is
+    found (`world` names it); attitude.png and imu.png over time; map.png maps with plan and goal.
+    Pictures of topics that the bag does not hold are left out.
+
+    Raises:
+        BagError: Where nothing can be shown.
+        WorldError: Where `world` is another world.
+    """
+    output = Path(output)
+    paths: list[Path] = []
+
+    def save(figure: Figure, name: str) -> None:
+        try:
+            output.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise BagError(f'{output / name}: cannot be written: {error.strerror}') from None
+        save_figure(figure, output / name, BagError, dpi=100)
+        paths.append(output / name)
+        if progress is not None:
+            progress(name)
+
+    with open_bag(path) as bag:
+        _stereo(bag, save)
+        truth_figures(bag, save)
+        hazard_figures(bag, save)
+        chase_figure(bag, save)
+        lidar_figure(bag, save)
+        _exposure(bag, save)
+        heading_figure(bag, save)
+        if bag.has(bag.truth):
+            odometry = series.read_odometry(bag)
+            if len(odometry.stamps_ns):
+                _trajectory(bag, odometry, world, save)
+                _attitude(odometry, save)
+                map_figure(bag, odometry, save)
+        if bag.has(topics.IMU_RAW.name):
+            _imu(bag, save)
+    if not paths:
+        raise BagError(f'{path}: holds no images, odometry, IMU, LiDAR, heading or power; there '
+                       'is nothing to preview')
+    return paths
+
+
+def _stereo(bag: Bag, save: Callable[[Figure, str], None]) -> None:
+    if not bag.has(topics.LEFT_IMAGE.name):
+        return
+    wanted = [t for t in (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.DISPARITY,
+                          topics.TRUE_DEPTH) if bag.has(t.name)]
+    stamps = series.common_stamps(bag, [t.name for t in wanted])
+    for n, stamp in enumerate(series.spread(stamps, FRAMES)):
+        found = series.messages_at(bag, wanted, stamp)
+        figure = Figure(figsize=(10, 7.5), layout='constrained')
+        for axes, topic in zip(figure.subplots(2, 2).flat,
+                               (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.DISPARITY,
+                                topics.TRUE_DEPTH), strict=True):
+            axes.set_axis_off()
+            axes.set_title(topic.name, fontsize=9)
+            if topic in found:
+                _draw(figure, axes, bag, topic, found[topic])
+        figure.suptitle(f'{stamp * 1e-9:.3f} s', fontsize=9)
+        save(figure, f'stereo_{n}.png')
+
+
+def _draw(figure: Figure, axes: Any, bag: Bag, topic: topics.Topic, message: Any) -> None:
+    missing = colormaps['turbo'].with_extremes(bad='0.15')
+    if topic is topics.DISPARITY:
+        pixels = series.picture(bag, message.image).pixels
+        shown = np.where((pixels >= message.min_disparity) & (pixels > 0.0), pixels, np.nan)
+        image = axes.imshow(shown, cmap=missing, vmin=0.0, vmax=_percentile(shown, 99.0))
+        figure.colorbar(image, ax=axes, label='px', shrink=0.8)
+    elif topic is topics.TRUE_DEPTH:
+        pixels = series.picture(bag, message).pixels
+        shown = np.where(np.isfinite(pixels), pixels, np.nan)
+        image = axes.imshow(shown, cmap=missing.reversed(), vmin=0.0,
+                            vmax=_percentile(shown, 90.0))
+        figure.colorbar(image, ax=axes, label='m', shrink=0.8)
+    else:
+        picture = series.picture(bag, message)
+        if picture.pixels.ndim == 3:
+            rgb = eight_bits(picture.pixels[..., :3])
+            axes.imshow(rgb[..., ::-1] if picture.encoding.startswith('bgr') else rgb)
+        else:
+            axes.imshow(picture.pixels, cmap='gray', vmin=0,
+                        vmax=np.iinfo(picture.pixels.dtype).max)
+
+
+def _percentile(values: np.ndarray, percent: float) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.percentile(known, percent)) if known.size else 1.0
+
+
+def _exposure(bag: Bag, save: Callable[[Figure, str], None]) -> None:
+    """Draw exposure times that change."""
+    name = topics.EXPOSURE.name
+    found = [(header_ns(m) * 1e-9, 1e3 * exposure_s(m)) for _, _, m in bag.messages([name])] \
+        if bag.has(name) else []
+    if len({time_ms for _, time_ms in found}) < 2:
+        return
+    figure = Figure(figsize=(9, 2.5), layout='constrained')
+    axes = figure.subplots()
+    axes.plot(*zip(*found), lw=0.8)
+    axes.set(title=name, xlabel='time [s]', ylabel='[ms]')
+    axes.grid(alpha=0.3)
+    save(figure, 'exposure.png')
+
+
+def _trajectory(bag: Bag, odometry: series.Odometry, world: Path | str | None,
+                save: Callable[[Figure, str], None]) -> None:
+    figure = Figure(figsize=(7, 6.5), layout='constrained')
+    axes = figure.subplots()
+    xy = odometry.positions_m[:, :2]
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    centre, half = (low + high) / 2, max(0.75 * float((high - low).max()), 0.25)
+    draw_hillshade(axes, bag, centre, half, world)
+    axes.plot(xy[:, 0], xy[:, 1], color='tab:red', lw=1.5, label='path of base_link')
+    axes.plot(*xy[0], 'o', color='tab:green', ms=6, label='start')
+    axes.plot(*xy[-1], 's', color='tab:red', ms=6, label='end')
+    axes.set(xlim=(centre[0] - half, centre[0] + half), ylim=(centre[1] - half, centre[1] + half),
+             xlabel='x, east [m]', ylabel='y, north [m]', aspect='equal')
+    axes.legend(loc='upper right')
+    length = driven_distance_m(zip(odometry.stamps_ns.tolist(), xy.tolist()))
+    axes.set_title(f'{length:.2f} m in {odometry.stamps_ns[-1] * 1e-9:.1f} s', fontsize=9)
+    save(figure, 'trajectory.png')
+
+
+def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
+                   folder: Path | str | None = None) -> None:
+    """Draw the hillshade of the world of a bag, lit from its sun's azimuth, where it is found.
+
+    Raises:
+        WorldError: Where `folder` is given and holds another world.
+    """
+    world = RecordedRun(bag).world(folder)
+    if world is None:
+        return
+    azimuth = 135.0
+    if bag.has(topics.SUN.name):
+        sun = bag.first(topics.SUN.name).vector
+        azimuth = float(np.degrees(np.arctan2(sun.y, sun.x)))
+    side = np.linspace(-half_m, half_m, 600)
+    x, y = np.meshgrid(centre_m[0] + side, centre_m[1] + side)
+    height = world.height_at(np.stack([x, y], axis=-1))
+    slope_y, slope_x = np.gradient(height, side[1] - side[0])
+    # The light is always 30 degrees above the horizon, so that the ground is readable.
+    light = frames.sun_direction(azimuth, 30.0)
+    shade = (light[2] - light[0] * slope_x - light[1] * slope_y) / np.sqrt(
+        1.0 + slope_x**2 + slope_y**2)
+    extent = (x[0, 0], x[0, -1], y[0, 0], y[-1, 0])
+    axes.imshow(shade, cmap='gray', origin='lower', extent=extent, vmin=0.0, vmax=1.0)
+    near = np.abs(world.rocks.position_m[:, :2] - centre_m).max(axis=1) < half_m
+    for k, ((rock_x, rock_y), diameter) in enumerate(zip(world.rocks.position_m[near, :2],
+                                                         world.rocks.diameter_m[near])):
+        # One of them is enough for a legend.
+        axes.add_patch(Circle((rock_x, rock_y), diameter / 2, color='0.12',
+                              label='rocks' if k == 0 else None))
+
+
+def _attitude(odometry: series.Odometry, save: Callable[[Figure, str], None]) -> None:
+    figure = Figure(figsize=(9, 5.5), layout='constrained')
+    upper, middle, lower = figure.subplots(3, 1, sharex=True)
+    t = odometry.stamps_ns * 1e-9
+    rpy = np.degrees(frames.rpy_from_wxyz(odometry.orientations_wxyz))
+    upper.plot(t, rpy[:, 0], lw=0.8, label='roll')
+    upper.plot(t, rpy[:, 1], lw=0.8, label='pitch, + nose down')
+    upper.set_ylabel('[deg]')
+    middle.plot(t, odometry.positions_m[:, 2], lw=0.8, color='tab:green', label='height')
+    middle.set_ylabel('[m]')
+    lower.plot(t, odometry.twists[:, 0], lw=0.8, color='tab:red', label='forward speed')
+    lower.set(xlabel='time [s]', ylabel='[m/s]')
+    _finish((upper, middle, lower))
+    save(figure, 'attitude.png')
+
+
+def _imu(bag: Bag, save: Callable[[Figure, str], None]) -> None:
+    imu = series.read_imu(bag)
+    if not len(imu.stamps_ns):
+        return
+    figure = Figure(figsize=(9, 5), layout='constrained')
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    t = imu.stamps_ns * 1e-9
+    for k, axis in enumerate('xyz'):
+        upper.plot(t, imu.specific_forces_mps2[:, k], lw=0.6, label=axis)
+        lower.plot(t, imu.rates_radps[:, k], lw=0.6, label=axis)
+    upper.set_ylabel('specific force [m/s²]')
+    lower.set(xlabel='time [s]', ylabel='rate [rad/s]')
+    _finish((upper, lower))
+    save(figure, 'imu.png')
+
+
+def _finish(all_axes: tuple[Any, ...]) -> None:
+    for axes in all_axes:
+        axes.grid(alpha=0.3)
+        axes.legend(loc='upper right', fontsize=8)

@@ -1,0 +1,234 @@
+"""One pass over a bag: stamps and problems of every topic, and the signals to compare."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from lunar_rover_sim.bag import message_validity
+from lunar_rover_sim.bag.ground_points import changes_of
+from lunar_rover_sim.bag.ground_points import problem as ground_problem
+from lunar_rover_sim.bag.message_validity import laser_scan_problem, lidar_cloud_problem
+from lunar_rover_sim.bag.messages import imu_row, odometry_row, wxyz, xyz
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import BagError
+from lunar_rover_sim.base.topics import Topic
+from lunar_rover_sim.ground.regolith.overlay import Overlay
+from lunar_rover_sim.image.stereo.depth import disparity_from_depth
+from lunar_rover_sim.products.inspection.disparity_error import (disparity_map, frame_error,
+                                                                 FrameError, is_textured)
+
+_WAITING = 16  # stereo sets that may be incomplete; those that stay so are missing stamps
+
+_CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
+    topics.ODOM.name: (message_validity.quaternion_problem('pose.pose.orientation'),),
+    topics.TRUE_ODOM.name: (message_validity.quaternion_problem('pose.pose.orientation'),),
+    topics.IMU_TRUTH.name: (message_validity.quaternion_problem('orientation'),),
+    topics.JOINT_STATES.name: (message_validity.joints_problem,),
+    topics.JOINT_COMMANDS.name: (message_validity.joints_problem,),
+    topics.LEFT_IMAGE.name: (message_validity.image_problem,),
+    topics.RIGHT_IMAGE.name: (message_validity.image_problem,),
+    topics.DEPTH.name: (message_validity.image_problem, message_validity.depth_problem),
+    topics.TRUE_DEPTH.name: (message_validity.image_problem, message_validity.true_depth_problem),
+    topics.RIGHT_TRUE_DEPTH.name: (message_validity.image_problem,
+                                   message_validity.true_depth_problem),
+    topics.DISPARITY.name: (message_validity.disparity_problem,),
+    topics.GROUND_CHANGES.name: (ground_problem,),
+    topics.LIDAR_POINTS.name: (lidar_cloud_problem,),
+    topics.LIDAR_DESKEWED.name: (lidar_cloud_problem,),
+    topics.LIDAR_SCAN.name: (laser_scan_problem,),
+    topics.EXPOSURE.name: (message_validity.exposure_problem,),
+    topics.LEFT_INFO.name: (message_validity.camera_info_problem,),
+    topics.RIGHT_INFO.name: (message_validity.camera_info_problem,),
+    topics.DEPTH_INFO.name: (message_validity.camera_info_problem,),
+}
+
+
+@dataclasses.dataclass
+class TopicScan:
+    """One topic of the contract as recorded; `stamps_ns` in the order of bag time.
+
+    Attributes:
+        checks: Each returns what is wrong with a message, or ''.
+    """
+
+    topic: Topic
+    name: str
+    msgtype: str
+    checks: tuple[Callable[[Any], str], ...] = ()
+    stamps_ns: list[int] = dataclasses.field(default_factory=list)
+    late: int = 0  # messages whose bag time is not their stamp
+    frame_ids: set[str] = dataclasses.field(default_factory=set)
+    problems: list[str] = dataclasses.field(default_factory=list)
+    last: Any = None
+
+
+@dataclasses.dataclass
+class BagScan:
+    """The topics of one namespace of a bag, by their names in the contract."""
+
+    namespace: str
+    topics: dict[str, TopicScan] = dataclasses.field(default_factory=dict)
+    signals: dict[str, list[tuple[int, tuple[float, ...]]]] = dataclasses.field(
+        default_factory=dict)
+    frames: list[FrameError] = dataclasses.field(default_factory=list)
+    depth_mismatch: list[str] = dataclasses.field(default_factory=list)
+    contrast: int = 0  # left images with more than one grey level
+    ground: Overlay = dataclasses.field(default_factory=Overlay)  # after all its changes
+
+    @property
+    def truth(self) -> Topic:
+        """The topic of the true odometry."""
+        return topics.TRUE_ODOM if topics.TRUE_ODOM.name in self.topics else topics.ODOM
+
+    def signal(self, topic: Topic) -> tuple[np.ndarray, np.ndarray]:
+        """Return stamps (n,) [ns] and the values (n, k) that `_SIGNALS` picks."""
+        rows = self.signals.get(topic.name, [])
+        return (np.array([stamp for stamp, _ in rows], dtype=np.int64),
+                np.array([row for _, row in rows], dtype=float))
+
+
+def _imu(m: Any) -> tuple[float, ...]:
+    return *imu_row(m), *wxyz(m.orientation)
+
+
+def _accel(m: Any) -> tuple[float, ...]:
+    return *xyz(m.accel.angular), *xyz(m.accel.linear)
+
+
+_SIGNALS: dict[str, Callable[[Any], tuple[float, ...]]] = {
+    topics.ODOM.name: odometry_row, topics.TRUE_ODOM.name: odometry_row,
+    topics.IMU_TRUTH.name: _imu, topics.IMU_RAW.name: _imu,
+    topics.IMU_BIAS.name: _accel}
+
+
+def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -> BagScan:
+    """Read the contract's topics under `namespace` once; `progress` is called once per message."""
+    result = BagScan(namespace)
+    by_topic: dict[str, TopicScan] = {}
+    hazards = {found[1] for name in bag.types
+               if (found := topics.of_hazard(name.removeprefix(f'{namespace}/'))) is not None}
+    for known in (*topics.of_legs(topics.CONTRACT, topics.legs_of(bag.types)),
+                  *(topic for camera in sorted(hazards) for topic in topics.hazard(camera))):
+        for name in (f'{namespace}/{known.name}', f'/{known.name}'):
+            if name in bag.types:
+                by_topic[name] = result.topics[known.name] = TopicScan(
+                    known, name, bag.types[name], _CONTENT.get(_like(known), ()))
+                break
+    if topics.TRUE_ODOM.name in result.topics and topics.ODOM.name in result.topics:
+        # Here `odom` is that of an estimator, which has its own rate and frames.
+        del by_topic[result.topics.pop(topics.ODOM.name).name]
+    if not by_topic:
+        return result
+    finite = message_validity.FiniteCheck(bag.typestore)
+    pair = _DepthPair(result)
+    for message in bag.raw(by_topic):
+        if progress is not None:
+            progress()
+        topic = by_topic[message.topic]
+        stamp_ns = bag.stamp_ns(message)
+        where = message.time_ns if stamp_ns is None else stamp_ns
+        topic.stamps_ns.append(where)
+        if stamp_ns and stamp_ns != message.time_ns:
+            topic.late += 1
+        try:
+            decoded = bag.decode(message.data, message.msgtype)
+        except BagError as error:
+            topic.problems.append(f'at {where * 1e-9:.3f} s: {error}')
+            topic.last = None
+            continue
+        _look(topic, decoded, where, finite, result, pair)
+    return result
+
+
+def _like(topic: Topic) -> str:
+    """Return the name of the topic whose content checks hold for `topic`, too."""
+    hazard = topics.of_hazard(topic.name)
+    if hazard is None:
+        return topic.name
+    if hazard[0] is topics.HAZARD_DEPTH:
+        return topics.TRUE_DEPTH.name
+    return topics.LEFT_IMAGE.name if topic.type == topics.LEFT_IMAGE.type else topic.name
+
+
+def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: message_validity.FiniteCheck,
+          result: BagScan, pair: _DepthPair) -> None:
+    name = topic.topic.name
+    topic.last = message
+    header = getattr(message, 'header', None)
+    if header is not None:
+        topic.frame_ids.add(header.frame_id)
+    problem = ''
+    if message.__msgtype__ == topic.topic.type:
+        problem = next((found for check in topic.checks if (found := check(message))), '')
+    if not problem:
+        problem = finite.problem(topic.msgtype, message)
+    if problem:
+        topic.problems.append(f'at {stamp_ns * 1e-9:.3f} s {problem}')
+    if message.__msgtype__ != topic.topic.type:
+        return
+    if name in _SIGNALS:
+        result.signals.setdefault(name, []).append((stamp_ns, _SIGNALS[name](message)))
+    if problem:
+        return
+    if name == topics.GROUND_CHANGES.name:
+        result.ground.apply(changes_of(message))
+    elif name in (topics.DISPARITY.name, topics.TRUE_DEPTH.name, topics.DEPTH.name):
+        pair.take(name, stamp_ns, message)
+    elif name == topics.LEFT_IMAGE.name:
+        grey = message_validity.pixels(message)
+        result.contrast += int(grey.min() != grey.max())
+        pair.take_image(stamp_ns, grey)
+
+
+class _DepthPair:
+    """Compares disparity with true depth and with depth as soon as both of one stamp are read."""
+
+    def __init__(self, result: BagScan) -> None:
+        self._result = result
+        self._waiting: dict[int, dict[str, Any]] = {}
+        self._images: dict[int, np.ndarray] = {}
+
+    def take_image(self, stamp_ns: int, grey: np.ndarray) -> None:
+        self._images[stamp_ns] = grey
+        if len(self._images) > _WAITING:
+            del self._images[min(self._images)]
+
+    def take(self, name: str, stamp_ns: int, message: Any) -> None:
+        entry = self._waiting.setdefault(stamp_ns, {})
+        entry[name] = message
+        disparity = entry.get(topics.DISPARITY.name)
+        if disparity is not None:
+            for other, compare in ((topics.TRUE_DEPTH.name, self._true_depth),
+                                   (topics.DEPTH.name, self._depth)):
+                if entry.get(other) is not None:
+                    compare(stamp_ns, disparity, message_validity.pixels(entry[other]))
+                    entry[other] = None
+        if len(self._waiting) > _WAITING:
+            del self._waiting[min(self._waiting)]
+
+    def _true_depth(self, stamp_ns: int, message: Any, depth: np.ndarray) -> None:
+        disparity = disparity_map(message, message_validity.pixels(message.image))
+        if depth.shape == disparity.disparity_px.shape:
+            true_px = disparity_from_depth(depth, message.f, message.t)
+            grey = self._images.pop(stamp_ns, None)
+            texture = is_textured(grey) if grey is not None else None
+            self._result.frames.append(frame_error(stamp_ns, disparity, true_px, texture))
+
+    def _depth(self, stamp_ns: int, message: Any, depth: np.ndarray) -> None:
+        disparity = message_validity.pixels(message.image)
+        at = f'at {stamp_ns * 1e-9:.3f} s'
+        if depth.shape != disparity.shape:
+            self._result.depth_mismatch.append(f'{at} sizes differ')
+            return
+        both = disparity_map(message, disparity).has_finite_depth & np.isfinite(depth)
+        if both.any():
+            product = depth[both].astype(float) * disparity[both]
+            ratio = float(np.abs(product / (message.f * message.t) - 1.0).max())
+            if not ratio <= 1e-3:
+                self._result.depth_mismatch.append(
+                    f'{at} depth differs from f t / d by {100 * ratio:.1f} %')

@@ -1,0 +1,128 @@
+"""Pictures of the maps, plans and goals that a bag holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+from typing import Any
+
+import cv2
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.bag.messages import header_ns
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.bag.series import Odometry
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.frames import Array
+
+_SHOWN = 4
+_COLOURS = colormaps['viridis']
+_UNKNOWN, _LETHAL = (0.13, 0.13, 0.15), (0.93, 0.30, 0.20)
+
+
+@dataclasses.dataclass(frozen=True)
+class MapMessage:
+    """A recorded map.
+
+    Attributes:
+        stamp_ns: Of the header [ns].
+        extent_m: Least x, greatest x, least y, greatest y.
+        cost: (n, n) int8, row 0 south: 0 free to 100, -1 unknown.
+    """
+
+    stamp_ns: int
+    extent_m: tuple[float, float, float, float]
+    cost: NDArray[np.int8]
+
+    @classmethod
+    def of(cls, message: Any) -> MapMessage:
+        """Return what a nav_msgs/OccupancyGrid holds."""
+        info = message.info
+        x, y = info.origin.position.x, info.origin.position.y
+        cost = np.asarray(message.data, np.int8).reshape(info.height, info.width)
+        return cls(header_ns(message), (x, x + info.width * info.resolution, y,
+                                        y + info.height * info.resolution), cost)
+
+    def colours(self) -> NDArray[np.uint8]:
+        """Return the (n, n, 3) RGB colours, row 0 south."""
+        shown = _COLOURS(np.clip(self.cost, 0, 99) / 99.0)[..., :3]
+        shown[self.cost < 0] = _UNKNOWN
+        shown[self.cost >= 100] = _LETHAL
+        return np.asarray(255.0 * shown, np.uint8)
+
+
+def path_of(message: Any) -> Array:
+    """Return the (n, 2) places of a nav_msgs/Path [m]."""
+    return np.array([(pose.pose.position.x, pose.pose.position.y)
+                     for pose in message.poses]).reshape(-1, 2)
+
+
+def goal_of(message: Any) -> Array:
+    """Return the place (2,) of a geometry_msgs/PoseStamped [m]."""
+    return np.array([message.pose.position.x, message.pose.position.y])
+
+
+def map_figure(bag: Bag, odometry: Odometry, save: Callable[[Figure, str], None]) -> None:
+    """Draw the map, what was driven, plan and goal at some times of the drive, as map.png."""
+    if not bag.has(topics.TRAVERSABILITY.name):
+        return
+    stamps = [message.time_ns for message in bag.raw([topics.TRAVERSABILITY.name])]
+    chosen = sorted({stamps[k] for k in np.linspace(0, len(stamps) - 1, _SHOWN + 1).round()
+                     .astype(int)[1:]})
+    others = [topic.name for topic in (topics.PLAN, topics.GOAL) if bag.has(topic.name)]
+    plans, goals = [], []
+    for name, _, message in bag.messages([bag.resolve(name) for name in others]):
+        if name == bag.resolve(topics.PLAN.name):
+            plans.append((header_ns(message), path_of(message)))
+        else:
+            goals.append((header_ns(message), goal_of(message)))
+    figure = Figure(figsize=(10, 10), layout='constrained')
+    panels = figure.subplots(2, 2).flat
+    for axes in panels:
+        axes.set_axis_off()
+    for axes, stamp in zip(figure.axes, chosen):
+        axes.set_axis_on()
+        _, _, message = next(iter(bag.messages([bag.resolve(topics.TRAVERSABILITY.name)], stamp,
+                                               stamp + 1)))
+        shown = MapMessage.of(message)
+        axes.imshow(shown.colours(), origin='lower', extent=shown.extent_m)
+        gone = odometry.positions_m[odometry.stamps_ns <= stamp]
+        axes.plot(gone[:, 0], gone[:, 1], color='white', lw=1.2, label='driven')
+        for listed, label, colour, marker in ((plans, 'plan', 'tab:orange', ''),
+                                              (goals, 'goal', 'cyan', '*')):
+            past = [value for time, value in listed if time <= stamp]
+            if past and past[-1].size:
+                x, y = np.atleast_2d(past[-1]).T
+                axes.plot(x, y, label=label, color=colour, marker=marker, ms=12)
+        low_x, high_x, low_y, high_y = shown.extent_m
+        axes.set(xlim=(low_x, high_x), ylim=(low_y, high_y), aspect='equal',
+                 xlabel='x, east [m]', ylabel='y, north [m]')
+        axes.set_title(f'{stamp * 1e-9:.1f} s; dark: unknown, red: not to be crossed', fontsize=9)
+        axes.legend(loc='upper right', fontsize=8)
+    save(figure, 'map.png')
+
+
+def map_picture(shown: MapMessage, size_px: int, position_m: Array, heading_rad: float,
+                plan_m: Array, goal_m: Array | None) -> NDArray[np.uint8]:
+    """Return a square RGB picture of a map, north up, with the rover, its plan and its goal."""
+    picture = cv2.resize(np.ascontiguousarray(shown.colours()[::-1]), (size_px, size_px),
+                         interpolation=cv2.INTER_NEAREST)
+    low_x, high_x, _, high_y = shown.extent_m
+    scale = size_px / (high_x - low_x)
+
+    def pixel(xy: Array) -> tuple[int, int]:
+        return int(round((xy[0] - low_x) * scale)), int(round((high_y - xy[1]) * scale))
+
+    width = max(1, size_px // 150)
+    if len(plan_m) > 1:
+        cv2.polylines(picture, [np.array([pixel(p) for p in plan_m], np.int32)], False,
+                      (255, 160, 40), width, cv2.LINE_AA)
+    if goal_m is not None:
+        cv2.drawMarker(picture, pixel(goal_m), (0, 255, 255), cv2.MARKER_STAR, 8 * width, width)
+    ahead = position_m[:2] + 0.35 * np.array([np.cos(heading_rad), np.sin(heading_rad)])
+    cv2.arrowedLine(picture, pixel(position_m), pixel(ahead), (255, 255, 255), width,
+                    cv2.LINE_AA, tipLength=0.4)
+    return np.asarray(picture, np.uint8)

@@ -1,0 +1,104 @@
+"""Stages on the disk: a root layer and a folder of its parts, both whole or not at all.
+
+`NAME.usd` (binary), `.usda` (text) and `.usdc` (binary) have their parts (meshes, textures) in the
+folder `NAME_parts` beside them; `.usdz` holds all in one file. Everything is written into a
+temporary folder first. The parts get their name before the root layer gets its own, so that a root
+layer never lacks its parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from lunar_rover_sim.base.arguments import brief
+from lunar_rover_sim.base.errors import one_line, UsdError, with_extra
+from lunar_rover_sim.base.files.atomic import partial_folder
+from lunar_rover_sim.products.usd.names import is_package, is_stage, parts_name, SUFFIXES
+
+try:
+    from pxr import (Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSemantics, UsdShade,
+                     UsdUtils, Vt)
+except ImportError:
+    raise UsdError(f"OpenUSD is missing; install it with: {with_extra('usd')} (Python 3.11 or "
+                   'newer)') from None
+
+__all__ = ['Gf', 'Kind', 'Sdf', 'Tf', 'Usd', 'UsdGeom', 'UsdLux', 'UsdPhysics', 'UsdSemantics',
+           'UsdShade', 'UsdUtils', 'Vt']
+
+
+# They have a meaning in the paths of assets.
+_RESERVED = '@[]:'
+
+
+def check_output(path: Path, overwrite: bool = False) -> None:
+    """Raise UsdError where a stage cannot get this name."""
+    if not is_stage(path):
+        raise UsdError(f'{path}: {path.suffix or "no suffix"} is not valid; valid for a stage are '
+                       + ', '.join(SUFFIXES))
+    bad = sorted(set(path.name) & set(_RESERVED))
+    if bad or not path.name.isprintable():
+        raise UsdError(f'{path}: the name of a stage must not hold '
+                       f'{" ".join(bad) or "control characters"}: OpenUSD reads that as part of '
+                       'a path')
+    if not path.parent.is_dir():
+        raise UsdError(f'{path}: there is no folder {path.parent}')
+    names = [path] if is_package(path) else [path, path.with_name(parts_name(path))]
+    for taken in names:
+        if not (taken.exists() or taken.is_symlink()):
+            continue
+        if not overwrite:
+            raise UsdError(f'{taken}: exists already; choose another name or say --overwrite')
+        if taken.is_dir() == (taken == path):
+            raise UsdError(f'{taken}: exists already and is not what would be replaced; choose '
+                           'another name')
+
+
+def check_prim_name(name: str) -> str:
+    """Return the name of a prim; raise UsdError where OpenUSD does not allow it."""
+    if not Sdf.Path.IsValidIdentifier(name):
+        raise UsdError(f'name: {brief(name)} is not valid; valid are letters, digits and _, not '
+                       'beginning with a digit')
+    return name
+
+
+def write_stage(path: Path, compose: Callable[[Path, Path], None],
+                overwrite: bool = False) -> Path:
+    """Write a stage under `path`, its suffix being one of `SUFFIXES`.
+
+    Args:
+        compose: Called with the root layer that is to be written and the folder for the parts,
+            which lies beside it and exists; it refers to the parts by `parts_name(path)`.
+
+    Raises:
+        UsdError: Where the name is not valid or taken, or a file cannot be written; what `compose`
+            raises is passed on. Then nothing is left behind.
+    """
+    path = Path(path)
+    check_output(path, overwrite)
+    packed = is_package(path)
+    try:
+        with partial_folder(path, UsdError) as work:
+            root = work / (path.with_suffix('.usdc').name if packed else path.name)
+            parts = work / parts_name(path)
+            parts.mkdir()
+            compose(root, parts)
+            if packed:
+                package = work / path.name
+                if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(root)), str(package)):
+                    raise UsdError(f'{path}: the package cannot be written')
+                package.replace(path)
+            else:
+                _replace(parts, path.with_name(parts.name), work)
+                root.replace(path)
+    except Tf.ErrorException as error:
+        raise UsdError(f'{path}: cannot be written: {one_line(error)}') from None
+    return path
+
+
+def _replace(parts: Path, final: Path, work: Path) -> None:
+    """Move the parts to their place, if there are any; older ones go to the temporary folder."""
+    if final.exists():
+        final.replace(work / 'replaced')
+    if any(parts.iterdir()):
+        parts.replace(final)

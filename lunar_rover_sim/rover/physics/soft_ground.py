@@ -1,0 +1,225 @@
+"""Soft ground under one simulation: the compiled law, the prints that it leaves, what is observed.
+
+`ground/regolith/law.py` moves the planes on which the tips stand, before each step of MuJoCo.
+Prints are pressed into the overlay, and their walls slide, between steps: no force jumps by that,
+since a tip in the ground meets a change in proportion to the way that it moves on.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import functools
+import logging
+import math
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from lunar_rover_sim.base.compiled import read_only
+from lunar_rover_sim.base.errors import PhysicsError
+from lunar_rover_sim.base.frames import Array, matrix_from_wxyz
+from lunar_rover_sim.ground.regolith import law
+from lunar_rover_sim.ground.regolith.looseness import BEARING_RATIO, FRICTION_RATIO, SoilMap
+from lunar_rover_sim.ground.regolith.overlay import Overlay
+from lunar_rover_sim.ground.regolith.resistive_force import DEEPEST, dig_table
+from lunar_rover_sim.ground.regolith.soil import Soil
+from lunar_rover_sim.ground.regolith.tracks import hull, press, WallSlides, Window
+from lunar_rover_sim.ground.world.grid import HeightGrid
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.physics.soil_contact import SoilRows
+
+logger = logging.getLogger(__name__)
+
+# Share of a spoke below ground from which a leg counts as dug in. The belly of the default rover
+# lies on flat ground at 0.72 to 0.76.
+DUG_IN_SPOKES = 0.7
+DEEPEST_SPOKES = 10.0   # a tip that is deeper, in lengths of a spoke, has diverged
+SLIDE_M = 0.02          # way slipped after which the walls of a rut slide
+_NO_MAP = np.zeros((1, 1), np.float32)
+
+
+@dataclasses.dataclass(frozen=True)
+class GroundContact:
+    """What the ground does at each leg, in the order of the rover's legs.
+
+    Attributes:
+        sinkage_m: (legs,) depth of the deepest tip below the surface that it met, 0 in the air.
+        slip_mps: (legs,) mean speed at which loaded tips slid, since the previous state.
+        dug_in: whether at least two legs are in the ground by seven tenths of a spoke.
+    """
+
+    sinkage_m: Array
+    slip_mps: Array
+    dug_in: bool
+
+
+class SoftGround:
+    """The soil under the tips of one simulation; `advance` steps both."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, rover: RoverDescription,
+                 ground: HeightGrid, soil: Soil, rows: SoilRows,
+                 varies: SoilMap | None = None) -> None:
+        self.overlay = Overlay()
+        self.soil = soil
+        self._rover, self._ground = rover, ground
+        self._step_s = float(model.opt.timestep)
+        first_leg = int(model.geom_bodyid[rows.first_tip])
+        legs = len(np.unique(model.geom_bodyid[rows.first_tip:rows.first_tip + 2 * rows.tips:2]))
+        self._legs = _leg_records(model, first_leg, legs)
+        self._tips = _tip_records(model, rows, first_leg)
+        self._soil = soil_record(soil, rover, self._step_s)
+        self._slipped = np.zeros(legs)
+        # MuJoCo's arrays stay where they are; asking for them takes longer than a step of the law.
+        self._given = (data.qpos, data.qvel, self._legs, self._tips, self._soil,
+                       dig_table(soil.shape), DEEPEST,
+                       read_only(ground.heights_m, np.float32), ground.cell_m,
+                       read_only(_NO_MAP if varies is None else
+                                 varies.looseness.heights_m * varies.variation, np.float32),
+                       1.0 if varies is None else varies.looseness.cell_m)
+        self._moved = (data.mocap_pos, data.mocap_quat, model.pair_friction, model.pair_solref,
+                       model.pair_solreffriction, model.pair_solimp, self._slipped,
+                       data.cfrc_ext[first_leg:first_leg + legs], data.qfrc_actuator[6:6 + legs])
+        self._addresses = _mj_step(), model._address, data._address
+        self._walls = WallSlides(ground, soil.repose_deg, self._step_s, legs)
+        self._windows: list[Window | None] = [None] * rows.tips
+        self._slid_at = np.zeros(rows.tips)     # way slipped when the walls of the rut slid
+        self._count = self._observed = 0
+        self._was_dug_in = False
+        self._deep_m = DUG_IN_SPOKES * rover.legs.spoke_length_m
+        self._start: tuple[Overlay, np.ndarray] | None = None
+
+    def advance(self, steps: int, wrench: Array, torque: Array) -> None:
+        """Make steps of soil and MuJoCo.
+
+        Args:
+            steps: Their number.
+            wrench: (legs, 6), to which `Observer.leg_wrench` of every step is added.
+            torque: (legs,), to which `Observer.motor_torque` of every step is added.
+
+        Raises:
+            PhysicsError: If a tip has diverged.
+        """
+        overlay, walls = self.overlay, self._walls
+        end = self._count + steps
+        while self._count < end:
+            if self._count >= walls.next_step:
+                walls.slide_due(overlay, self._count)
+            made, event = law.advance(
+                *self._addresses, int(min(end, walls.next_step)) - self._count, *self._given,
+                overlay.index, overlay.origin, overlay.samples, *self._moved, wrench, torque)
+            self._count += made
+            if event:
+                self._leave_prints()
+
+    def observe(self) -> GroundContact:
+        """Return sinkage [m] and mean slip since the last call [m/s], per leg."""
+        sinkage = np.empty(len(self._slipped))
+        law.sinkage_of(self._tips, sinkage)
+        slip = self._slipped / (max(1, self._count - self._observed) * self._step_s)
+        self._slipped[:], self._observed = 0.0, self._count
+        deep = sum(s >= self._deep_m for s in sinkage.tolist()) >= 2
+        if deep and not self._was_dug_in:
+            logger.warning('the rover has dug itself in: tips are %s mm deep',
+                           ', '.join(f'{1e3 * s:.0f}' for s in sinkage))
+        self._was_dug_in = deep
+        return GroundContact(sinkage, slip, deep)
+
+    def keep_start(self) -> None:
+        """Keep the present ground as the one to which `reset` goes back."""
+        self._walls.slide_all(self.overlay)
+        self._start = self.overlay.copy(), self._tips.copy()
+        self._begin()
+
+    def reset(self) -> None:
+        """Go back to the ground at `keep_start`; the caller restores poses, planes included."""
+        if self._start is None:
+            return
+        overlay, tips = self._start
+        self.overlay.restore(overlay)
+        self._walls.forget()
+        self._tips[:] = tips
+        self._was_dug_in = False
+        self._begin()
+
+    def _begin(self) -> None:
+        self._count = self._observed = 0
+        self._slipped[:] = 0.0
+        self._windows = [None] * len(self._tips)
+        self._slid_at[:] = self._tips['sheared']
+
+    def _leave_prints(self) -> None:
+        """Press in what the tips have to leave; raise PhysicsError where one has diverged."""
+        for k in np.flatnonzero(self._tips['event']):
+            tip = self._tips[k]
+            if tip['event'] == law.DIVERGED:
+                spoke = self._rover.legs.spokes
+                raise PhysicsError(
+                    f'at {self._count * self._step_s:.3f} s tip {k % spoke} of leg'
+                    f' {self._rover.legs.names[k // spoke]} has diverged: {tip["depth"]:.3g} m'
+                    f' deep, {tip["force"]:.3g} N')
+            start, end = tip['pressed'].tolist(), tip['low'].tolist()
+            if start != end and not math.isnan(start[2]):
+                window = press(self.overlay, self._ground, start, end,
+                               self._rover.legs.tip_radius_m, self.soil.compacted)
+                tip['pressed'] = tip['low']
+                known = self._windows[k]
+                self._windows[k] = window if known is None else hull(known, window)
+            left = tip['event'] == law.LEFT
+            if left or tip['sheared'] - self._slid_at[k] > SLIDE_M:
+                self._slid_at[k] = 0.0 if left else tip['sheared']
+                window_of_print = self._windows[k]
+                if window_of_print is not None:
+                    self._walls.add(self.overlay, int(tip['leg']), window_of_print, self._count)
+                    self._windows[k] = None
+            if left:
+                tip['pressed'] = np.nan
+
+
+@functools.cache
+def _mj_step() -> int:
+    """Return the address of `mj_step` in MuJoCo's library, which is loaded already."""
+    folder = Path(mujoco.__file__).parent
+    library = ctypes.CDLL(str(next(path for path in sorted(folder.glob('libmujoco*')))))
+    return ctypes.cast(library.mj_step, ctypes.c_void_p).value or 0
+
+
+def _leg_records(model: mujoco.MjModel, first: int, count: int) -> np.ndarray:
+    """Return the `law.LEG` records of a compiled model; the bodies of legs follow each other."""
+    legs = np.zeros(count, law.LEG)
+    for k in range(count):
+        body = first + k
+        legs['axle'][k] = model.body_pos[body]
+        legs['attitude'][k] = matrix_from_wxyz(model.body_quat[body])
+        legs['axis'][k] = model.jnt_axis[model.body_jntadr[body]]
+    return legs
+
+
+def _tip_records(model: mujoco.MjModel, rows: SoilRows, first_leg: int) -> np.ndarray:
+    """Return the `law.TIP` records of a compiled model, in the air."""
+    tips = np.zeros(rows.tips, law.TIP)
+    geoms = rows.first_tip + 2 * np.arange(rows.tips)
+    tips['leg'] = model.geom_bodyid[geoms] - first_leg
+    tips['offset'] = model.geom_pos[geoms]
+    tips['mocap'], tips['pair'] = rows.mocap, rows.pairs
+    tips['held'] = rows.solref
+    tips['normal'] = 0.0, 0.0, 1.0
+    tips['pressed'] = np.nan
+    return tips
+
+
+def soil_record(soil: Soil, rover: RoverDescription, step_s: float) -> np.ndarray:
+    """Return (1,) records `law.SOIL` of a soil under the tips of a rover, for a time step [s]."""
+    record = np.zeros(1, law.SOIL)
+    values = dict(
+        radius_m=rover.legs.tip_radius_m, rod_m=rover.legs.spoke_radius_m, step_s=step_s,
+        elastic_npm=soil.elastic_npm, damping_nspm=soil.damping_nspm, zeta_npm3=soil.zeta_npm3,
+        friction=soil.friction, cohesion_pa=soil.cohesion_pa,
+        cohesive_bearing_pa=soil.cohesive_bearing_pa, compacted=soil.compacted,
+        shear_m=soil.shear_m, side_ratio=soil.shape.side_ratio, weak_slopes=soil.weak_slopes,
+        bearing_ratio=BEARING_RATIO, friction_ratio=FRICTION_RATIO,
+        deepest_m=DEEPEST_SPOKES * rover.legs.spoke_length_m)
+    for name, value in values.items():
+        record[name] = value
+    return record

@@ -1,0 +1,266 @@
+"""The navigator on maps that a point rover drives over: it arrives, or says why not."""
+
+import numpy as np
+import pytest
+
+from lunar_rover_sim.autonomy.navigation.config import NavigatorConfig
+from lunar_rover_sim.autonomy.navigation.navigator import (ARRIVED, FAILED, IDLE, LOOKING,
+                                                           Navigator, WAITING)
+from lunar_rover_sim.autonomy.navigation.traversability import Traversability
+from lunar_rover_sim.base.errors import NavigationError
+from lunar_rover_sim.base.frames import wxyz_from_rpy
+
+PERIOD_NS = 100_000_000
+N, CELL = 160, 0.05     # 8 m
+
+
+def ground(*walls, value=100):
+    cost = np.zeros((N, N), np.int8)
+    for x0, x1, y0, y1 in walls:
+        r0, r1, c0, c1 = (max(0, round((v + 4.0) / CELL)) for v in (y0, y1, x0, x1))
+        cost[r0:r1, c0:c1] = value
+    return cost
+
+
+class Rover:
+    """A point that does what it is told, unless a wall or a test holds it."""
+
+    def __init__(self, navigator, cost, x=-2.0, y=0.0):
+        self.navigator, self.cost = navigator, cost
+        self.x, self.y, self.yaw, self.pitch = x, y, 0.0, 0.0
+        self.now_ns, self.held, self.commands, self.way_m = 0, False, [], 0.0
+
+    def step(self, **changes):
+        said = {'pose_ns': self.now_ns, 'grid': Traversability(
+            self.now_ns, np.array([-4.0, -4.0]), CELL, self.cost), **changes}
+        command = self.navigator.update(
+            self.now_ns, said['pose_ns'], (self.x, self.y, 0.1),
+            wxyz_from_rpy(0.0, self.pitch, self.yaw), said['grid'])
+        dt = PERIOD_NS * 1e-9
+        if not self.held:
+            self.yaw += dt * command.yaw_rate_radps
+            self.x += dt * command.forward_mps * np.cos(self.yaw)
+            self.y += dt * command.forward_mps * np.sin(self.yaw)
+            self.way_m += dt * abs(command.forward_mps)
+        self.now_ns += PERIOD_NS
+        self.commands.append(command)
+        return command
+
+    def drive(self, seconds=200.0, **changes):
+        for _ in range(round(seconds * 10)):
+            if self.step(**changes).status in (ARRIVED, FAILED):
+                break
+        return self.commands[-1]
+
+
+def made(cost, goal=(2.0, 0.0), **values):
+    config = NavigatorConfig(**{'has_goal': True, 'goal_x_m': goal[0], 'goal_y_m': goal[1],
+                                'start_delay_s': 0.0, **values})
+    return Rover(Navigator(config, 0.113, 25.6), cost)
+
+
+def test_it_arrives_around_a_wall():
+    rover = made(ground((-0.2, 0.0, -4.0, 0.8)))
+    assert rover.drive().status == ARRIVED
+    assert np.hypot(rover.x - 2.0, rover.y) <= 0.2
+    assert rover.way_m < 5.5
+    assert rover.step().forward_mps == 0.0 and rover.navigator.plan is not None
+
+
+def test_the_same_calls_give_the_same_commands():
+    runs = [made(ground((-0.2, 0.0, -4.0, 0.8))) for _ in range(2)]
+    for rover in runs:
+        rover.drive()
+    assert runs[0].commands == runs[1].commands
+
+
+def test_waypoints_are_driven_in_their_order():
+    rover = made(ground(), waypoints_x_m=(-1.0, 1.0), waypoints_y_m=(1.5, -1.5))
+    passed = []
+    for _ in range(2500):
+        rover.step()
+        passed.append((rover.x, rover.y))
+        if rover.commands[-1].status == ARRIVED:
+            break
+    nearest = [np.hypot(*(np.array(passed) - p).T) for p in ((-1.0, 1.5), (1.0, -1.5))]
+    assert all(d.min() < 0.4 for d in nearest)
+    assert nearest[0].argmin() < nearest[1].argmin()
+    assert rover.commands[-1].status == ARRIVED
+
+
+def test_a_new_obstacle_changes_the_plan_at_once():
+    rover = made(ground())
+    for _ in range(100):
+        rover.step()
+    before = rover.navigator.plan
+    rover.cost = ground((rover.x + 0.7, rover.x + 0.9, -1.0, 0.7))
+    rover.step()
+    assert rover.navigator.plan is not before
+    assert rover.drive().status == ARRIVED
+
+
+def test_it_looks_where_it_does_not_know_and_then_goes_on():
+    rover = made(ground((-1.2, 0.5, -4.0, 4.0), value=-1))
+    for _ in range(60):
+        rover.step()
+    assert LOOKING in {command.status for command in rover.commands}
+    stood = [c for c in rover.commands if c.status == LOOKING and c.forward_mps == 0.0]
+    assert len(stood) >= 14      # look_s
+    assert rover.drive().status == ARRIVED
+
+
+def test_it_cuts_no_corner_at_a_rock_that_it_sees_late():
+    """The plan winds around the rock; the straight line to the lookahead passes too near."""
+    rover = made(ground((-1.75, -1.6, -0.1, 0.1)))
+    rover.yaw = np.radians(30.0)
+    apart = []
+    while len(apart) < 1000 and rover.step().status != ARRIVED:
+        apart.append(np.hypot(max(-1.75 - rover.x, rover.x + 1.6, 0.0),
+                              max(abs(rover.y) - 0.1, 0.0)))
+    assert rover.commands[-1].status == ARRIVED
+    assert min(apart) > 0.163       # half its width, and the margin
+
+
+def test_a_goal_that_is_enclosed_is_given_up_after_a_look_around():
+    box = [(1.0, 3.0, -1.0, -0.8), (1.0, 3.0, 0.8, 1.0), (1.0, 1.2, -1.0, 1.0),
+           (2.8, 3.0, -1.0, 1.0)]
+    rover = made(ground(*box))
+    turned = 0.0
+    while rover.commands[-1:] == [] or rover.commands[-1].status != FAILED:
+        before = rover.yaw
+        rover.step()
+        turned += abs(rover.yaw - before)
+    assert rover.commands[-1].failure == 'blocked'
+    assert turned > 4.5
+    assert np.hypot(rover.x + 2.0, rover.y) < 1e-9
+
+
+def test_a_goal_inside_a_rock_is_blocked_at_the_nearest_place():
+    rover = made(ground((1.8, 2.2, -0.2, 0.2)))
+    command = rover.drive()
+    assert command.failure == 'blocked' and 'on an obstacle' in command.reason
+    assert 0.25 < np.hypot(rover.x - 2.0, rover.y) < 0.75
+
+
+def test_a_rover_that_does_not_move_backs_off_and_gives_up_as_stuck():
+    rover = made(ground(), recoveries=2)
+    rover.held = True
+    command = rover.drive(400.0)
+    assert command.failure == 'stuck'
+    assert sum(c.forward_mps < 0.0 for c in rover.commands) > 100
+
+
+def test_what_it_bumped_into_is_driven_around():
+    rover = made(ground())
+    for _ in range(1500):
+        # A rock that nobody sees, at 0.
+        ahead = rover.x + 0.25 * np.cos(rover.yaw), rover.y + 0.25 * np.sin(rover.yaw)
+        rover.held = (np.hypot(*ahead) < 0.2
+                      and bool(rover.commands) and rover.commands[-1].forward_mps >= 0.0)
+        if rover.step().status in (ARRIVED, FAILED):
+            break
+    assert rover.commands[-1].status == ARRIVED
+    assert any(c.forward_mps < 0.0 for c in rover.commands)
+
+
+def test_tilt_backs_off_and_a_rover_on_its_side_gives_up():
+    rover = made(ground())
+    rover.step()
+    rover.pitch = np.radians(35.0)
+    assert rover.step().forward_mps >= 0.0      # a step rocks the body
+    assert min(rover.step().forward_mps for _ in range(10)) < 0.0
+    rover.pitch = np.radians(80.0)
+    assert rover.step().failure == 'tilt'
+
+
+def test_without_a_pose_it_stands_at_once_and_gives_up_as_lost():
+    rover = made(ground())
+    for _ in range(50):
+        rover.step()
+    assert rover.commands[-1].forward_mps > 0.0
+    died = rover.now_ns - PERIOD_NS
+    stopped = next(k for k in range(100) if rover.step(pose_ns=died).forward_mps == 0.0)
+    assert stopped * PERIOD_NS <= 0.5e9
+    assert rover.commands[-1].status == WAITING and 'no pose' in rover.commands[-1].reason
+    command = rover.drive(20.0, pose_ns=died)
+    assert command.failure == 'lost' and 'no pose' in command.reason
+    # Given back in time, the drive goes on.
+    again = made(ground())
+    for _ in range(60):
+        again.step(pose_ns=None)
+    assert again.drive().status == ARRIVED
+
+
+def test_without_maps_it_waits_and_gives_up():
+    rover = made(ground())
+    assert rover.step(grid=None).reason == 'no map yet'
+    old = Traversability(1, np.array([-4.0, -4.0]), CELL, ground())
+    command = rover.drive(30.0, grid=old)
+    assert command.failure == 'lost' and 'no map' in command.reason
+
+
+def test_maps_that_stop_for_more_than_five_seconds_stop_the_rover_until_they_come_again():
+    rover = made(ground())
+    for _ in range(50):
+        rover.step()
+    old = Traversability(rover.now_ns, np.array([-4.0, -4.0]), CELL, rover.cost)
+    said = [rover.step(grid=old) for _ in range(80)]
+    moved = [command.forward_mps > 0.0 for command in said]
+    assert all(moved[:50]) and not any(moved[51:])
+    assert said[-1].status == WAITING and said[-1].reason.startswith('no map for ')
+    assert rover.drive().status == ARRIVED
+
+
+def test_a_pose_that_jumps_by_a_metre_is_driven_on_from():
+    """As by a SLAM program that closes a loop: what counts is the goal by the new pose."""
+    rover = made(ground((0.5, 0.7, -0.5, 0.5)))
+    for _ in range(100):
+        rover.step()
+    rover.y += 1.0
+    rover.step()
+    assert rover.commands[-1].status != FAILED
+    assert rover.drive().status == ARRIVED
+    assert np.hypot(rover.x - 2.0, rover.y) <= 0.2
+
+
+@pytest.mark.parametrize('goal', [(np.nan, 0.0), (30.0, 0.0), (0.0, -25.0), (1.0,), 'there'])
+def test_goals_that_are_none_are_refused_and_the_old_one_stays(goal):
+    rover = made(ground())
+    with pytest.raises(NavigationError, match='goal: .*valid'):
+        rover.navigator.set_goals([goal])
+    assert rover.navigator.goals_m[0] == pytest.approx((2.0, 0.0))
+
+
+def test_without_a_goal_it_stands_and_new_goals_are_taken():
+    rover = Rover(Navigator(NavigatorConfig(start_delay_s=0.0), 0.113), ground())
+    assert rover.step().status == IDLE
+    rover.navigator.set_goals([(0.0, 1.0)])
+    assert rover.drive().status == ARRIVED
+    rover.navigator.set_goals([(-1.0, -1.0)])
+    assert rover.drive().status == ARRIVED
+    rover.navigator.set_goals([])
+    assert rover.step().status == IDLE
+
+
+def test_time_that_goes_back_begins_the_drive_again():
+    rover = made(ground())
+    rover.drive()
+    rover.now_ns, rover.x, rover.y = 0, -2.0, 0.0
+    assert rover.drive().status == ARRIVED
+
+
+def test_a_goal_beside_a_rock_is_reached_from_the_next_place():
+    """Its cell is too near to a rock; places within the tolerance of it are not."""
+    rover = made(ground((2.16, 2.5, -0.5, 0.5)))
+    assert rover.drive().status == ARRIVED
+    assert rover.x < 2.16 - 0.1
+
+
+def test_it_looks_at_a_goal_that_seems_to_lie_on_an_obstacle():
+    """What was a wrong match is gone when it has looked."""
+    rover = made(ground((1.8, 2.2, -0.2, 0.2)))
+    while rover.step().status != LOOKING:
+        assert rover.commands[-1].status not in (ARRIVED, FAILED)
+    assert 'obstacle' in rover.commands[-1].reason
+    rover.cost = ground()
+    assert rover.drive().status == ARRIVED

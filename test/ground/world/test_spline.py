@@ -1,0 +1,191 @@
+"""Heights between samples, and where samples are missing."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.interpolate import CubicSpline
+from scipy.sparse.linalg import spsolve
+
+from lunar_rover_sim.ground.world import levels as nest
+from lunar_rover_sim.ground.world.config import LEVEL_RATIO, WorldConfig
+from lunar_rover_sim.ground.world.fill import harmonic_fill, plate_fill
+from lunar_rover_sim.ground.world.grid import HeightGrid
+
+# Eight samples beyond the ends stand for all: a spline forgets by sqrt(3) - 2 a sample.
+FORGOTTEN = 4.0 * (2.0 - 3.0**0.5)**8
+
+
+def natural(y, x, values, y_at, x_at):
+    """Return the bicubic natural spline at a grid, positions beyond the ends at the ends."""
+    rows = CubicSpline(y, values, axis=0, bc_type='natural')(np.clip(y_at, y[0], y[-1]))
+    return CubicSpline(x, rows, axis=1, bc_type='natural')(np.clip(x_at, x[0], x[-1]))
+
+
+@pytest.mark.parametrize('rows,columns', [(12, 31), (40, 17), (9, 10)])
+def test_the_surface_is_the_natural_spline(rows, columns):
+    """In all intervals, at samples, at both ends and beyond them; of any origin and step."""
+    rng = np.random.default_rng(rows)
+    y, x = -3.0 + 0.5 * np.arange(rows), 7.0 + 1.7 * np.arange(columns)
+    values = rng.normal(size=(rows, columns))
+    y_at = np.sort(np.concatenate([y, rng.uniform(y[0] - 1.0, y[-1] + 1.0, 90)]))
+    x_at = np.concatenate([x, rng.uniform(x[0] - 3.0, x[-1] + 3.0, 80), [x[-1] - 1e-9]])
+    found = nest.spline(y, x, values, y_at, x_at)
+    assert found.shape == (len(y_at), len(x_at)) and found.dtype == np.float32
+    np.testing.assert_allclose(found, natural(y, x, values, y_at, x_at), atol=FORGOTTEN)
+
+
+def test_few_samples_are_interpolated_all_the_same():
+    """Of two samples a straight line, of three a bend whose ends are straight."""
+    at = np.linspace(-0.5, 2.5, 13)
+    for n in (2, 3):
+        axis = np.arange(float(n))
+        values = np.outer(axis**2 + 1.0, 1.0 - axis)
+        found = nest.spline(axis, axis, values, at, at)
+        np.testing.assert_allclose(found, natural(axis, axis, values, at, at) if n > 2 else
+                                   np.outer(1.0 + np.clip(at, 0, 1), 1.0 - np.clip(at, 0, 1)),
+                                   atol=FORGOTTEN)
+
+
+def test_a_finer_level_is_the_spline_of_its_parent():
+    """It takes no more of the parent than it needs, and nobody sees where that ends."""
+    rng = np.random.default_rng(2)
+    heights = rng.normal(size=(61, 61)).astype(np.float32)
+    parent = HeightGrid(heights, 2.0)
+    found = nest.refine(parent, 65, 0.25)
+    axis, fine = nest.axis_m(61, 2.0), nest.axis_m(65, 0.25)
+    assert (axis[0], axis[-1]) == (-60.0, 60.0) and (fine[0], fine[-1]) == (-8.0, 8.0)
+    np.testing.assert_allclose(found, natural(axis, axis, heights, fine, fine), atol=FORGOTTEN)
+    np.testing.assert_allclose(found[::8, ::8], heights[26:35, 26:35], atol=FORGOTTEN)
+
+
+@pytest.mark.parametrize('size_m,cell_m,extent_m,samples', [
+    (51.2, 0.025, 1000.0, 2049), (12.8, 0.025, 1000.0, 257), (204.8, 0.025, 3000.0, 65),
+    (8.0, 0.5, 100.0, 100), (16.0, 0.5, 8.0, 257), (16.0, 0.5, 8.1, 65)])
+def test_levels_grow_until_they_cover_the_surroundings(size_m, cell_m, extent_m, samples):
+    """By eight cells to one; at least twice as wide as the one within; corners meet."""
+    config = WorldConfig.from_mapping({'size_m': size_m, 'cell_m': cell_m, 'surroundings': {
+        'extent_m': extent_m, 'samples': samples}})
+    levels = nest.plan(config)
+    half = [0.5 * (n - 1) * cell for n, cell in levels]
+    assert levels[0] == (round(size_m / cell_m) + 1, cell_m)
+    assert half[-1] >= extent_m and all(h < extent_m for h in half[:-1])
+    for (n, cell), (outer_n, outer_cell) in zip(levels, levels[1:]):
+        assert outer_cell == cell * LEVEL_RATIO
+        assert (outer_n - 1) % (2 * LEVEL_RATIO) == 0
+        least = max(samples, 2 * (n - 1) // LEVEL_RATIO + 1)
+        assert least <= outer_n < least + 2 * LEVEL_RATIO
+        assert (outer_n - 1) * outer_cell >= 2.0 * (n - 1) * cell
+
+
+@pytest.mark.parametrize('n', [9, 65, 241, 1025])
+def test_detail_fades_out_towards_the_border(n):
+    """Over 60 cells, or a quarter of a small level, without a kink, alike at both ends."""
+    weight = nest.fade(n)
+    band = min(60.0, (n - 1) / 4)
+    edge = np.minimum(np.arange(n), n - 1 - np.arange(n)) / band
+    expected = np.where(edge < 1.0, 3.0 * edge**2 - 2.0 * edge**3, 1.0)
+    np.testing.assert_allclose(weight, expected, atol=1e-6)
+
+
+def test_a_level_meets_its_parent_at_its_border_and_keeps_its_middle():
+    rng = np.random.default_rng(3)
+    parent = HeightGrid(rng.normal(size=(41, 41)).astype(np.float32), 2.0)
+    heights = rng.normal(size=(129, 129)).astype(np.float32)
+    fitted = heights.copy()
+    nest.fit_border(fitted, 0.25, parent)
+    axis = nest.axis_m(129, 0.25)
+    coarse = parent.height_at(np.stack(np.meshgrid(axis, axis), axis=-1))
+    weight = np.outer(nest.fade(129), nest.fade(129))
+    np.testing.assert_allclose(fitted, coarse + weight * (heights - coarse), atol=1e-5)
+    closed = heights.copy()
+    nest.close_seam(closed, 0.25, parent)
+    for edge in (0, -1):
+        np.testing.assert_allclose(closed[edge], coarse[edge], atol=1e-6)
+        np.testing.assert_allclose(closed[:, edge], coarse[:, edge], atol=1e-6)
+    np.testing.assert_array_equal(closed[1:-1, 1:-1], heights[1:-1, 1:-1])
+    shown = parent.heights_m.copy()
+    nest.embed(shown, heights)
+    inner = heights[::8, ::8]
+    np.testing.assert_array_equal(shown[13:28, 13:28], inner[1:-1, 1:-1])
+    shown[13:28, 13:28] = parent.heights_m[13:28, 13:28]
+    np.testing.assert_array_equal(shown, parent.heights_m)
+
+
+def laplacian(ny, nx):
+    """Return the matrix of the Laplacian, through whose edges nothing flows."""
+    def along(n):
+        ones = np.ones(n)
+        ones[[0, -1]] = 0.5
+        return sparse.diags([np.ones(n - 1), -2.0 * ones, np.ones(n - 1)], [-1, 0, 1])
+    return sparse.kronsum(along(nx), along(ny)).tocsr()
+
+
+def solved(matrix, values, known):
+    """Return the values with the unknown ones such that the matrix gives 0 there."""
+    free = np.flatnonzero(~known)
+    fixed = np.where(known, values, 0.0).ravel()
+    result = fixed.copy()
+    result[free] = spsolve(matrix[free][:, free].tocsc(), -(matrix @ fixed)[free])
+    return result.reshape(values.shape)
+
+
+def waves(ny, nx):
+    y, x = np.mgrid[:ny, :nx]
+    return (3.0 + 0.2 * x - 0.1 * y + np.sin(0.5 * x) * np.cos(0.4 * y)).astype(np.float32)
+
+
+def with_holes(ny, nx):
+    known = np.ones((ny, nx), bool)
+    known[4:11, 6:12] = False
+    known[ny - 5:, :4] = False
+    known[15, 15] = False
+    return known
+
+
+@pytest.mark.parametrize('ny, nx', [(24, 24), (25, 24), (24, 27), (31, 23)])
+def test_gaps_are_filled_as_a_membrane(ny, nx):
+    values, known = waves(ny, nx), with_holes(ny, nx)
+    exact = solved(laplacian(ny, nx), values, known)
+    spoilt = np.where(known, values, np.float32(1e3))
+    filled = harmonic_fill(spoilt, known)
+    assert filled.dtype == np.float32 and np.array_equal(filled[known], values[known])
+    # It is relaxed a few times on each grid: to a few hundredths of the range of 7.
+    assert np.abs(filled - exact)[~known].max() < 0.3
+    assert np.sqrt(np.mean((filled - exact)[~known]**2)) < 0.08
+
+
+def test_most_of_a_grid_may_be_unknown():
+    """One corner known: the value of that everywhere; two sides known: a ramp between them."""
+    values = np.zeros((33, 40), np.float32)
+    known = np.zeros((33, 40), bool)
+    known[0, 0] = True
+    values[0, 0] = 7.0
+    assert harmonic_fill(values, known) == pytest.approx(7.0, abs=1e-4)
+    known[:, 0] = known[:, -1] = True
+    values[:, 0], values[:, -1] = 0.0, 39.0
+    np.testing.assert_allclose(harmonic_fill(values, known),
+                               np.tile(np.arange(40.0), (33, 1)), atol=2.0)
+
+
+def test_nothing_and_everything_known():
+    values = waves(9, 9)
+    assert np.array_equal(harmonic_fill(values, np.ones((9, 9), bool)), values)
+    assert not harmonic_fill(values, np.zeros((9, 9), bool)).any()
+    assert np.array_equal(plate_fill(values, np.ones((9, 9), bool), 0.1), values)
+    few = np.zeros((3, 4), bool)
+    few[0, 0] = few[2, 3] = True
+    filled = harmonic_fill(values[:3, :4], few)
+    mean = 0.5 * (values[0, 0] + values[2, 3])
+    assert filled[~few] == pytest.approx(mean) and filled[0, 0] == values[0, 0]
+
+
+def test_the_plate_settles_as_its_equation_says():
+    tension, values, known = 0.1, waves(26, 26), with_holes(26, 26)
+    flat = laplacian(26, 26)
+    exact = solved(flat @ flat - tension * flat, values, known)
+    filled = plate_fill(np.where(known, values, np.float32(-50.0)), known, tension)
+    assert np.array_equal(filled[known], values[known])
+    assert np.abs(filled - exact)[~known].max() < 0.15
+    # Smoother than a membrane, whose slope breaks at the border of a gap.
+    assert np.abs(filled - exact)[~known].max() < np.abs(
+        solved(flat, values, known) - exact)[~known].max()

@@ -1,0 +1,204 @@
+"""Comparison of image sets, held to known answers: itself, blurred, darkened, noisier, another."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+from judge.evaluation.image_sets import write_set
+from matplotlib.figure import Figure
+import numpy as np
+import pytest
+
+from lunar_rover_sim.base.errors import EvaluationError
+from lunar_rover_sim.base.files.images import write_png
+from lunar_rover_sim.cli.main import main, parse
+from lunar_rover_sim.judge.evaluation import statistics
+from lunar_rover_sim.judge.evaluation.image_comparison import (compare_images, ImageComparison,
+                                                               MeasureRow)
+from lunar_rover_sim.judge.evaluation.image_plots import save_comparison
+from lunar_rover_sim.judge.evaluation.image_statistics import MEASURES
+
+
+@pytest.fixture(scope='module')
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a set."""
+    return write_set(tmp_path_factory.mktemp('sets') / 'plain')
+
+
+def row(result: ImageComparison, name: str) -> MeasureRow:
+    """Return one measure."""
+    return next(row for row in result.rows if row.name == name)
+
+
+def changes(result: ImageComparison, name: str) -> tuple[float, float]:
+    """Return the difference of a measure and its p."""
+    found = row(result, name).difference
+    assert found.low <= found.value <= found.high
+    return found.value, found.p
+
+
+def test_itself(plain: Path) -> None:
+    """No difference, no distance, p near 1; intervals hold the value."""
+    result = compare_images(plain, plain)
+    for one in result.rows:
+        if one.first.n:
+            assert one.difference.value == 0.0 and one.difference.p > 0.9
+            assert one.first.low <= one.first.value <= one.first.high
+    assert result.distance.value == 0.0 and result.distance.p == 1.0
+    assert row(result, 'SGM bad-1').first.n == 0      # no truth
+    matches = row(result, 'ORB matches').first.value
+    assert 0.5 < matches / row(result, 'ORB keypoints').first.value <= 1.0
+    assert row(result, 'SGM density').first.value > 0.8
+
+
+def test_another_draw_of_the_same(plain: Path, tmp_path: Path) -> None:
+    """Nothing is found between two samples of one world, but for what chance gives."""
+    result = compare_images(plain, write_set(tmp_path / 'b', seed=1))
+    assert abs(row(result, 'spectrum slope').difference.value) < 0.1
+    assert row(result, 'spectrum slope').difference.p > 0.02
+    assert result.distance.p > 0.02 and result.distance.value < 2.0 * result.chance
+
+
+def test_blurred(plain: Path, tmp_path: Path) -> None:
+    """Smaller gradients, a steeper spectrum, fewer keypoints."""
+    result = compare_images(plain, write_set(
+        tmp_path / 'b', lambda image: cv2.GaussianBlur(image, (0, 0), 1.5)))
+    for name in ('log gradient', 'spectrum slope', 'ORB keypoints'):
+        value, p = changes(result, name)
+        assert value < 0.0 and p < 0.01, name
+    assert result.distance.p < 0.02 and result.distance.value > result.chance
+
+
+def test_darkened(plain: Path, tmp_path: Path) -> None:
+    """All gradients fall by the same factor; the spectrum and the share of shadow stay."""
+    result = compare_images(plain, write_set(tmp_path / 'b', lambda image: 0.5 * image))
+    assert changes(result, 'log gradient')[0] == pytest.approx(np.log10(0.5), abs=0.02)
+    # So far apart that resampled images move the distance by a tenth at most.
+    assert 0.0 < result.distance.high - result.distance.low < 0.2 * result.distance.value
+    assert result.distance.value == pytest.approx(-np.log10(0.5), abs=0.03)
+    # A few rows more pass for sky in darker images.
+    assert changes(result, 'spectrum slope')[0] == pytest.approx(0.0, abs=0.06)
+    assert changes(result, 'shadow share')[0] == pytest.approx(0.0, abs=0.01)
+    assert changes(result, 'ORB keypoints')[0] < 0.0
+
+
+def test_noisier(plain: Path, tmp_path: Path) -> None:
+    """Larger gradients, a flatter spectrum, sparser matching: the two images differ."""
+    rng = np.random.default_rng(5)
+    folder = write_set(tmp_path / 'b')
+    for path in folder.glob('*/*.png'):
+        grey = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        write_png(path, np.clip(grey + rng.normal(0.0, 12.0, grey.shape), 0, 255
+                                ).astype(np.uint8))
+    result = compare_images(plain, folder)
+    for name, sign in (('log gradient', 1), ('spectrum slope', 1), ('SGM density', -1),
+                       ('ORB matches', -1)):
+        value, p = changes(result, name)
+        assert sign * value > 0.0 and p < 0.01, name
+
+
+def test_another_world(plain: Path, tmp_path: Path) -> None:
+    """The spectrum's slope is found as it was drawn, in both sets."""
+    result = compare_images(plain, write_set(tmp_path / 'b', seed=1, exponent=3.2))
+    slopes = row(result, 'spectrum slope')
+    assert slopes.first.value == pytest.approx(-2.4, abs=0.1)
+    assert slopes.second.value == pytest.approx(-3.2, abs=0.15)
+    assert slopes.difference.low < -0.8 < slopes.difference.high + 0.15
+    assert slopes.difference.p < 0.01
+
+
+def test_the_figure_shows_the_numbers(plain: Path, tmp_path: Path,
+                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    """Histograms with the area 1; a dot for each image, a large one for the mean, its interval."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, 'savefig', lambda figure, *_, **__: drawn.append(figure))
+    other = write_set(tmp_path / 'b', lambda image: 0.5 * image)
+    result = compare_images(plain, other, frames=4)
+    save_comparison(result, tmp_path / 'figure.png')
+    histograms, *measures = drawn[0].axes
+    for patch, one in zip(histograms.patches, (result.first, result.second)):
+        values, edges, _ = patch.get_data()
+        assert np.sum(values * np.diff(edges)) == pytest.approx(1.0)
+        assert edges[0] == -3.0 and edges[-1] == pytest.approx(0.0)
+        assert np.argmax(values) == np.argmax(one.log_gradients.mean(axis=0))
+    rows = [row for row in result.rows if row.first.n]
+    assert len(histograms.patches) == 2 and len(rows) == 6
+    for axes, row in zip(measures, rows):
+        assert axes.get_title().startswith(row.name) and f'{row.difference.p:.3g}' in (
+            axes.get_title())
+        index = list(MEASURES).index(row.name)
+        for k, (estimate, one) in enumerate(((row.first, result.first),
+                                             (row.second, result.second))):
+            dots, mean = axes.lines[2 * k:2 * k + 2]
+            assert dots.get_ydata() == pytest.approx(one.values[:, index], nan_ok=True)
+            assert abs(float(np.mean(dots.get_xdata())) - k) < 1e-9
+            assert mean.get_xydata()[0] == pytest.approx([k, estimate.value])
+            assert axes.collections[k].get_segments()[0][:, 1] == pytest.approx(
+                [estimate.low, estimate.high])
+
+
+def test_intervals_cover() -> None:
+    """Of 150 means of 30 values about 95 % of the intervals hold the truth; p is uniform."""
+    rng = np.random.default_rng(2)
+    held, small = 0, 0
+    for _ in range(150):
+        a, b = rng.normal(size=(2, 30))
+        one, means = statistics.estimate(a, rng)
+        other, others = statistics.estimate(b, rng)
+        held += one.low <= 0.0 <= one.high
+        small += statistics.difference(other.value - one.value, others - means).p < 0.05
+    assert 0.9 < held / 150 < 0.99 and small / 150 < 0.1
+
+
+def test_blocks_widen_the_interval_of_a_slow_series() -> None:
+    """Neighbours that resemble one another count for less."""
+    rng = np.random.default_rng(4)
+    slow = np.cumsum(rng.normal(size=64))
+    (one, _), (shuffled, _) = (statistics.estimate(values, np.random.default_rng(1))
+                               for values in (slow, rng.permutation(slow)))
+    assert one.high - one.low > 1.4 * (shuffled.high - shuffled.low)
+
+
+def test_command(plain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A table, JSON without NaN, a figure; the same seed gives the same numbers."""
+    other = write_set(tmp_path / 'b', lambda image: 0.5 * image)
+    assert main(['evaluate', 'images', str(plain), str(other), '--frames', '4', '-o',
+                 str(tmp_path / 'one')]) == 0
+    found: Any = json.loads((tmp_path / 'one' / 'comparison.json').read_text(),
+                            parse_constant=lambda word: pytest.fail(word))
+    assert found == compare_images(plain, other, frames=4).to_mapping()
+    assert found['a']['sampled'] == 4 and found['measures']['SGM bad-1']['a']['value'] is None
+    assert (tmp_path / 'one' / 'comparison.png').stat().st_size > 10_000
+    output = capsys.readouterr().out
+    assert 'log gradient distance' in output and 'not in both sets: SGM bad-1' in output
+
+
+@pytest.mark.parametrize(('arguments', 'problem'), [
+    (['{}/none', '{}'], 'none: there is no such folder or bag'),
+    (['{}', '{}'], 'holds no images; valid are a bag'),
+    (['{}', '{}', '--frames', '0'], 'frames: 0 is not valid'),
+    (['{}', '{}', '--width', '31'], 'width: 31 is not valid'),
+])
+def test_bad_input(arguments: list[str], problem: str, tmp_path: Path,
+                   capsys: pytest.CaptureFixture[str]) -> None:
+    """One line each."""
+    words = [word.format(tmp_path) for word in arguments]
+    assert main(['evaluate', 'images', *words]) == 1
+    error = capsys.readouterr().err
+    assert problem in error and error.count('\n') == 1
+
+
+def test_a_damaged_picture_is_named(tmp_path: Path) -> None:
+    """And no number is made of it."""
+    (tmp_path / '1.png').write_bytes(b'\x89PNG\r\n\x1a\n broken')
+    with pytest.raises(EvaluationError, match='1.png: cannot be read as a picture'):
+        compare_images(tmp_path, tmp_path)
+
+
+def test_the_group_has_a_default() -> None:
+    """`evaluate A B` is `evaluate trajectory A B`, also with options before its files."""
+    for words in (['evaluate', 'a', 'b'], ['evaluate', '--align', 'sim3', 'a', 'b'],
+                  ['-v', 'evaluate', 'trajectory', 'a', 'b']):
+        assert parse(words).truth == 'a'
+    assert parse(['evaluate', 'images', 'a', 'b']).first == 'a'

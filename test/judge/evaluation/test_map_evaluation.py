@@ -1,0 +1,110 @@
+"""The true surface, and maps of a bag that are off it by what is known."""
+
+import cv2
+import map_bag
+import numpy as np
+import pytest
+import synthetic_bag
+import worlds
+
+from lunar_rover_sim.base.errors import EvaluationError
+from lunar_rover_sim.ground.world.world_folder import save_world
+from lunar_rover_sim.judge.evaluation.map_evaluation import (CELL_M, DISTANCES_M, evaluate_maps,
+                                                             NEAR_M, TrueSurface)
+
+
+def rocky():
+    return worlds.small(**{'rocks.abundance': 0.3, 'clear_radius_m': 0.5})
+
+
+@pytest.fixture(scope='module', name='folder')
+def _folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('world') / 'world'
+    save_world(rocky(), folder)
+    return folder
+
+
+def judged(folder, path, **values):
+    return evaluate_maps(map_bag.write(path, rocky(), **values), folder)
+
+
+def test_a_true_map_with_an_offset_has_that_error(folder, tmp_path):
+    result = judged(folder, tmp_path / 'bag', error_m=0.02)
+    assert result.maps == 1 and result.near.cells > 1000
+    assert result.offset_m == pytest.approx(0.02, abs=0.001)
+    assert result.near.median_m == pytest.approx(0.02, abs=0.002)
+    # Samples of a cell differ at the edges of rocks.
+    assert 0.02 <= result.near.rms_m < 0.03
+    assert result.near.cells == sum(one.cells for one in result.by_distance
+                                    if one.high_m <= NEAR_M)
+
+
+def test_each_band_has_the_errors_of_its_cells(tmp_path):
+    """Those whose middles are as far from the rover, in the raster that maps are judged in."""
+    world = worlds.small(1, **worlds.BARE)
+    save_world(world, tmp_path / 'world')
+    axis = (np.arange(round(map_bag.SIZE_M / map_bag.CELL_M)) + 0.5) * map_bag.CELL_M
+    middle = (np.floor((axis - 0.5 * map_bag.SIZE_M) / CELL_M) + 0.5) * CELL_M
+    away = np.hypot(*np.meshgrid(middle, middle))
+    result = evaluate_maps(map_bag.write(tmp_path / 'bag', world,
+                                         error_m=0.2 * (away < DISTANCES_M[1]).ravel()),
+                           tmp_path / 'world')
+    inner, outer, *_ = result.by_distance
+    assert inner.rms_m == pytest.approx(0.2, abs=0.01) and outer.rms_m < 0.01
+
+
+def test_flags_are_right_or_missing_also_in_a_picture(folder, tmp_path):
+    """At a height that is too low by 6 cm, which is as dark blue as the scale goes."""
+    def of(name, **values):
+        bag = map_bag.write(tmp_path / name, rocky(), error_m=-0.06, **values)
+        result = evaluate_maps(bag, folder, output=tmp_path / f'{name}.png')
+        image = cv2.imread(str(tmp_path / f'{name}.png'))[..., ::-1].astype(int)
+        assert image.shape == (550, 1210, 3)
+        # Below the blue end of `coolwarm`, on the left, nothing is as blue.
+        assert (np.abs(image[:, :605] - (59, 76, 192)).sum(axis=2) < 30).sum() > 5000
+        return result, [(np.abs(image[:, 605:] - colour).sum(axis=2) < 30).sum() for colour in (
+            (44, 160, 44), (214, 39, 40), (255, 127, 14), (217, 217, 217))]
+
+    right, (green, red, orange, grey) = of('found')
+    assert right.near.precision > 0.98 and right.near.recall > 0.98
+    # Cells of the flags are smaller than those of the picture: some reach beyond a rock.
+    assert green > 2000 and grey > 5000 and red == 0 and orange < green / 4
+    none, (green, red, orange, grey) = of('missed', flag_rocks=False)
+    assert none.near.recall == 0.0 and none.near.precision != none.near.precision
+    assert red > 2000 and grey > 5000 and green == orange == 0
+    told = none.to_mapping()
+    assert told['near'] == {**none.near._asdict(), 'precision': None}
+    assert told['offset_m'] == none.offset_m and len(told['by_distance']) == len(none.by_distance)
+
+
+def test_a_bag_without_a_map_and_a_world_that_is_another_are_refused(folder, tmp_path):
+    bag = synthetic_bag.write(tmp_path / 'bag', synthetic_bag.latched_items())
+    with pytest.raises(EvaluationError, match='holds no map/elevation.* mapping_node'):
+        evaluate_maps(bag, folder)
+
+
+def test_it_is_the_ground_or_a_rock_above_it():
+    world = worlds.small(3)
+    surface = TrueSurface(world)
+    rng = np.random.default_rng(1)
+    xy = rng.uniform(-6.0, 6.0, (2000, 2))
+    height, rise = surface.heights(xy)
+    ground = world.ground.height_at(xy)
+    bare = rise == 0.0
+    assert 0.9 < bare.mean() < 1.0
+    np.testing.assert_allclose(height[bare], ground[bare], atol=1e-5)
+    np.testing.assert_allclose(height, ground + rise, atol=1e-5)
+    k = int(np.argmax(world.rocks.diameter_m))
+    _, top = surface.heights(world.rocks.position_m[k, :2])
+    assert top > 0.1 * world.rocks.diameter_m[k]
+    assert np.isnan(surface.heights((100.0, 0.0))[0])
+
+
+def test_a_map_of_it_has_means_of_its_cells():
+    surface = TrueSurface(worlds.small(3))
+    found = surface.elevation((1.0, -1.0), 4.0, 0.1)
+    assert found.height_m.shape == (40, 40)
+    x, y = np.meshgrid(*found.centres_m)
+    height = [surface.heights(np.stack([x + dx, y + dy], axis=-1))[0]
+              for dx in (-0.025, 0.025) for dy in (-0.025, 0.025)]
+    np.testing.assert_allclose(found.height_m, np.mean(height, axis=0), atol=1e-6)

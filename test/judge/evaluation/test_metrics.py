@@ -1,0 +1,248 @@
+"""Statistics, pairs and drift by their definitions, and by hand."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lunar_rover_sim.judge.evaluation import metrics
+from lunar_rover_sim.judge.evaluation.trajectory import Trajectory, wxyz
+from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
+from lunar_rover_sim.judge.evaluation.trajectory_files import read_euroc, read_tum
+
+
+def path(points, period_s=0.1):
+    points = np.asarray(points, float)
+    stamps = np.round(np.arange(len(points)) * period_s * 1e9).astype(np.int64)
+    return Trajectory(stamps, points, np.tile([1.0, 0.0, 0.0, 0.0], (len(points), 1)), 'path')
+
+
+def bent(n=201):
+    """Return 10 m of path in steps of 5 cm, in the plane, bent in the middle by 90 deg."""
+    steps = np.where(np.arange(n - 1)[:, None] < (n - 1) // 2, [[0.05, 0.0, 0.0]],
+                     [[0.0, 0.05, 0.0]])
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
+
+@pytest.mark.parametrize('distance_m', [0.5, 1.0, 2.0])
+@pytest.mark.parametrize('error', [0.02, -0.05])
+def test_a_wrong_scale_is_that_drift_over_any_straight_distance(distance_m, error):
+    truth = path(np.linspace([0.0, 0.0, 0.0], [10.0, 0.0, 0.0], 201))
+    result = evaluate(truth, path((1.0 + error) * truth.positions_m),
+                      align='none', distance_m=distance_m)
+    assert result.drift_percent == pytest.approx(100.0 * abs(error), rel=1e-9)
+    assert result.rpe_distance_m.mean == pytest.approx(distance_m * abs(error), rel=0.01)
+    assert result.end_drift_percent == pytest.approx(100.0 * abs(error), rel=1e-9)
+    assert result.length_m == pytest.approx(10.0)
+
+
+def test_the_end_drift_is_the_gap_at_the_end_over_the_whole_path():
+    """10 m of path; the estimate ends 0.3 m too far east, and starts somewhere else."""
+    truth = path(bent())
+    late = truth.positions_m.copy()
+    late[150:] += [0.3, 0.0, 0.0]
+    result = evaluate(truth, path(late + [5.0, -2.0, 1.0]), align='none')
+    assert result.end_drift_percent == pytest.approx(3.0)
+    assert result.ate_m.min == pytest.approx(np.sqrt(30.0))
+
+
+def test_relative_errors_over_time_are_those_of_a_second():
+    """Half a metre a second, 4 % too fast: 2 cm in a second, 4 cm in two."""
+    truth = path(np.linspace([0.0, 0.0, 0.0], [10.0, 0.0, 0.0], 201))
+    estimate = path(1.04 * truth.positions_m)
+    assert evaluate(truth, estimate, align='none').rpe_time_m.mean == pytest.approx(0.02)
+    twice = evaluate(truth, estimate, align='none', time_s=2.0)
+    assert twice.rpe_time_m.mean == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize('angle_deg,scatter,told', [
+    (5.1, 0.0, True), (4.9, 0.0, False), (20.0, 0.19, True), (20.0, 0.21, False)])
+def test_a_turn_that_all_orientations_share_is_told(angle_deg, scatter, told):
+    """More than 5 deg, and alike to a fifth."""
+    truth = path(bent())
+    angles = np.radians(angle_deg * (1.0 + scatter * np.resize([-1.0, 1.0], len(truth))))
+    half = np.stack([np.cos(angles / 2), np.sin(angles / 2), 0 * angles, 0 * angles], axis=1)
+    estimate = Trajectory(truth.stamps_ns, truth.positions_m, half, 'turned')
+    pairs = np.arange(len(truth) // 2 * 2)
+    result = evaluate(truth.select(pairs), estimate.select(pairs), align='none')
+    assert (result.turned_deg is not None) == told
+    if told:
+        assert result.turned_deg == pytest.approx(angle_deg)
+
+
+def test_a_map_that_is_moved_is_a_jump():
+    """More than 0.1 m in a step; steps that are as wrong throughout are none."""
+    truth = path(bent())
+    shift = np.zeros((len(truth), 3))
+    shift[60:] += [0.0, 0.09, 0.0]
+    shift[120:] += [0.0, 0.0, -0.2]
+    shift[150:] += [0.15, 0.0, 0.0]
+
+    def estimated(positions_m):
+        estimate = Trajectory(truth.stamps_ns, positions_m, truth.orientations_wxyz, 'moved')
+        return evaluate(truth, estimate, align='none')
+
+    result = estimated(truth.positions_m + shift)
+    assert result.jumps == [pytest.approx((1e-9 * truth.stamps_ns[120], 0.2)),
+                            pytest.approx((1e-9 * truth.stamps_ns[150], 0.15))]
+    assert estimated(truth.positions_m).jumps == []
+    wrong = truth.positions_m + 0.2 * np.resize([0.0, 1.0], len(truth))[:, None]
+    assert estimated(wrong).jumps == []
+    shift[150:] += [20.0, 0.0, 0.0]         # 20 times those steps, of 0.35 m, is 6.9 m
+    assert [stamp for stamp, _ in estimated(wrong + shift).jumps] \
+        == [pytest.approx(1e-9 * truth.stamps_ns[150])]
+
+
+def test_the_share_tracked_counts_images_with_a_pose_near_them():
+    """Within the tolerance, and within half of the time between images."""
+    truth = path(bent())
+    images = truth.stamps_ns[::10]                      # 1 s apart
+    estimate = truth.select(np.arange(3, 201, 20))      # 0.3 s after every second image
+
+    def share(stamps, **options):
+        return evaluate(truth, estimate, align='none', frame_stamps_ns=stamps,
+                        **options).tracked_share
+
+    assert share(images, tolerance_s=0.3) == pytest.approx(10.0 / 21.0)
+    assert share(images, tolerance_s=0.299999999) == 0.0
+    assert share(images[::2], tolerance_s=5.0) == pytest.approx(10.0 / 11.0)
+    assert share(images, tolerance_s=5.0) == pytest.approx(10.0 / 21.0)     # 0.5 s at most
+    assert share(images[:1], tolerance_s=5.0) == 1.0
+    # Without images the truth counts, at the estimate's own rate; never more than all.
+    assert share(np.zeros(0, np.int64)) == pytest.approx(10.0 / 11.0)
+    every = truth.select(np.arange(201))
+    assert evaluate(truth, every, align='none').tracked_share == 1.0
+    doubled = evaluate(truth.select(np.arange(0, 201, 2)), every, align='none', tolerance_s=0.05)
+    assert doubled.tracked_share <= 1.0
+
+
+def test_results_as_plain_values():
+    """NaN is None; angles are in degrees; the transform is written out."""
+    truth = path(np.zeros((20, 3)))
+    told = evaluate(truth, truth, align='none').to_mapping()
+    assert told['scale'] is None and told['drift_percent'] is None and told['unmatched'] == 0
+    assert told['poses'] == 20 and told['ate_m']['count'] == 20 and told['align'] == 'none'
+    assert told['rpe_distance_m']['rmse'] is None and told['rpe_distance_m']['count'] == 0
+    assert told['alignment'] == {'rotation': np.eye(3).tolist(), 'translation_m': [0.0] * 3,
+                                 'scale': 1.0}
+    moved = evaluate(path(bent()), path(2.0 * bent() + [1.0, 2.0, 3.0]), align='yaw').to_mapping()
+    assert moved['scale'] == pytest.approx(0.5)
+    assert moved['alignment']['rotation'][2] == [0.0, 0.0, 1.0]
+
+
+def test_a_rover_that_stands_has_no_drift_in_percent():
+    truth = path(np.zeros((20, 3)))
+    result = evaluate(truth, truth, align='none')
+    assert np.isnan([result.drift_percent, result.end_drift_percent, result.scale]).all()
+    assert result.ate_m.max == 0.0
+
+
+@pytest.mark.parametrize('word,ns', [
+    ('12.5', 12_500_000_000), ('0.000000001', 1), ('.25', 250_000_000), ('7', 7_000_000_000),
+    ('1.0000000019', 1_000_000_001), ('+3.5', 3_500_000_000), ('1e1', 10_000_000_000),
+    ('1403636579.763555584', 1_403_636_579_763_555_584)])
+def test_stamps_in_seconds_are_read_exactly(tmp_path, word, ns):
+    """Digits are counted, not rounded by a double; other notations are read as numbers."""
+    (tmp_path / 'tum.txt').write_text(f'{word} 0 0 0 0 0 0 1\n')
+    assert read_tum(tmp_path / 'tum.txt').stamps_ns.tolist() == [ns]
+
+
+def test_columns_of_the_formats(tmp_path):
+    """TUM writes x y z w, EuRoC w x y z: a turn about x by 90 deg, a place of 1, 2, 3."""
+    half = np.sqrt(0.5)
+    (tmp_path / 'tum.txt').write_text(f'1 1 2 3 {half} 0 0 {half}\n2 1 2 4 0 0 0 1\n')
+    (tmp_path / 'euroc.csv').write_text(f'#t\n1000000000,1,2,3,{half},{half},0,0,9,9\n'
+                                        '2000000000,1,2,4,1,0,0,0,9,9\n')
+    for read, name in ((read_tum, 'tum.txt'), (read_euroc, 'euroc.csv')):
+        found = read(tmp_path / name)
+        assert found.stamps_ns.tolist() == [10**9, 2 * 10**9]
+        np.testing.assert_allclose(found.positions_m, [[1.0, 2.0, 3.0], [1.0, 2.0, 4.0]])
+        np.testing.assert_allclose(np.abs(found.orientations_wxyz),
+                                   [[half, half, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
+
+
+def along_x(positions_x, stamps_s=None):
+    """Return a trajectory on the x axis without turning."""
+    x = np.asarray(positions_x, float)
+    stamps = np.arange(len(x)) if stamps_s is None else np.asarray(stamps_s)
+    return Trajectory(np.round(stamps * 1e9).astype(np.int64), np.stack([x, 0 * x, 0 * x], axis=1),
+                      np.tile([1.0, 0.0, 0.0, 0.0], (len(x), 1)), 'path')
+
+
+def pairs_by_definition(progress, delta, slack):
+    """For every pose the later one whose progress is nearest to its own plus delta."""
+    found = []
+    for i in range(len(progress)):
+        later = range(i + 1, len(progress))
+        if not later:
+            continue
+        j = min(later, key=lambda j: (abs(progress[j] - progress[i] - delta), j))
+        if abs(progress[j] - progress[i] - delta) <= slack:
+            found.append([i, j])
+    return found
+
+
+@pytest.mark.parametrize('distance_m', [0.3, 1.0, 2.7])
+@pytest.mark.parametrize('seed', range(5))
+def test_pairs_by_distance_are_those_of_the_definition(seed, distance_m):
+    rng = np.random.default_rng(seed)
+    x = np.cumsum(rng.exponential(0.1, 120))
+    truth = along_x(x)
+    expected = pairs_by_definition(x - x[0], distance_m, metrics.PAIR_TOLERANCE * distance_m)
+    assert len(expected) > 30
+    assert metrics.pairs_by_distance(truth, distance_m).tolist() == expected
+
+
+@pytest.mark.parametrize('time_s', [0.25, 1.0, 3.3])
+@pytest.mark.parametrize('seed', range(5))
+def test_pairs_by_time_are_those_of_the_definition(seed, time_s):
+    rng = np.random.default_rng(seed)
+    stamps = np.round(np.cumsum(rng.uniform(0.02, 0.18, 100)), 6)
+    slack = 0.5 * np.median(np.diff(stamps))
+    expected = pairs_by_definition(stamps, time_s, slack)
+    assert len(expected) > 30
+    assert metrics.pairs_by_time(along_x(0 * stamps, stamps), time_s).tolist() == expected
+
+
+def test_of_two_equally_near_poses_the_earlier_ends_the_pair():
+    # 0.9375 and 1.0625 are equally far from 1, exactly so in doubles.
+    truth = along_x([0.0, 0.9375, 1.0625])
+    assert metrics.pairs_by_distance(truth, 1.0).tolist() == [[0, 1]]
+
+
+def test_the_tolerance_itself_is_still_within():
+    assert metrics.pairs_by_distance(along_x([0.0, 1.25]), 1.0, 0.25).tolist() == [[0, 1]]
+    assert metrics.pairs_by_distance(along_x([0.0, 0.75]), 1.0, 0.25).tolist() == [[0, 1]]
+    assert metrics.pairs_by_distance(along_x([0.0, 1.26]), 1.0, 0.25).tolist() == []
+
+
+def test_statistics_of_three_and_four():
+    """3, 4 and 8: mean 5, median 4, squares sum to 89, variance (4 + 1 + 9) / 3."""
+    found = metrics.Statistics.of(np.array([3.0, 8.0, 4.0]))
+    assert (found.mean, found.median, found.min, found.max, found.count) == (5.0, 4.0, 3.0, 8.0, 3)
+    assert found.rmse == pytest.approx(np.sqrt(89.0 / 3.0))
+    assert found.std == pytest.approx(np.sqrt(14.0 / 3.0))
+    nothing = metrics.Statistics.of(np.zeros(0))
+    assert nothing.count == 0 and np.isnan([nothing.rmse, nothing.mean, nothing.std]).all()
+
+
+def test_relative_errors_are_seen_from_the_pose_at_the_start():
+    """Truth turns left by 90 deg and goes on; the estimate does the same but 0.1 m too far left.
+
+    Seen from the first pose, facing +y, the motion is 1 m ahead for truth.
+    """
+    facing_y = Rotation.from_rotvec([0.0, 0.0, np.pi / 2])
+    stamps = np.array([0, 10**9])
+
+    def drive(end, turned):
+        return Trajectory(stamps, np.array([[0.0, 0.0, 0.0], end]),
+                          wxyz(Rotation.concatenate([facing_y, turned * facing_y])), 'drive')
+
+    truth = drive([0.0, 1.0, 0.0], Rotation.identity())
+    estimate = drive([-0.1, 1.0, 0.0], Rotation.from_rotvec([0.0, 0.0, 0.2]))
+    shift, turn = metrics.relative_errors(truth, estimate, np.array([[0, 1]]))
+    assert shift == pytest.approx([0.1]) and turn == pytest.approx([0.2])
+    # Another frame of the whole estimate, the heading at the start included, changes nothing.
+    moved = estimate.moved(Rotation.from_rotvec([0.0, 0.0, 1.0]).as_matrix(), [5.0, 6.0, 7.0])
+    shift, turn = metrics.relative_errors(truth, moved, np.array([[0, 1]]))
+    assert shift == pytest.approx([0.1]) and turn == pytest.approx([0.2])
+    assert [len(x) for x in metrics.relative_errors(truth, truth, np.zeros((0, 2), int))] == [0, 0]

@@ -1,0 +1,176 @@
+"""Intervals and p values of small series, whose resamples can be counted."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from lunar_rover_sim.judge.evaluation import statistics
+
+
+@pytest.mark.parametrize('count,length', [(1, 1), (3, 1), (4, 2), (8, 2), (27, 3), (64, 4),
+                                          (1000, 10)])
+def test_blocks_are_as_long_as_the_cube_root(count, length):
+    assert statistics.block_length(count) == length
+
+
+@pytest.mark.parametrize('count', [3, 11, 30, 64])
+def test_resamples_are_runs_of_neighbours_around_the_circle(count):
+    """Each block goes on by one, past the end to the start; all starts are as likely."""
+    places = statistics.resampled(count, np.random.default_rng(3))
+    assert places.shape == (statistics.RESAMPLES, count)
+    length = statistics.block_length(count)
+    for k in range(1, count):
+        if k % length:
+            assert ((places[:, k] - places[:, k - 1]) % count == 1).all()
+    drawn = np.bincount(places.ravel(), minlength=count) / places.size * count
+    # Each of the places is drawn 2000 times in the mean, by draws of blocks.
+    assert np.abs(drawn - 1.0).max() < 5.0 * np.sqrt(length / statistics.RESAMPLES)
+
+
+def test_an_estimate_is_the_mean_of_what_is_known():
+    values = np.array([1.0, np.nan, 4.0, 2.0, np.inf, 6.0])
+    one, means = statistics.estimate(values, np.random.default_rng(1))
+    assert (one.value, one.n) == (13.0 / 4.0, 4)
+    assert one.low == pytest.approx(np.percentile(means, 2.5))
+    assert one.high == pytest.approx(np.percentile(means, 97.5))
+    assert one.low < 3.25 < one.high and means.shape == (statistics.RESAMPLES,)
+
+
+@pytest.mark.parametrize('count', range(5))
+def test_three_values_have_an_interval_and_two_have_none(count):
+    values = np.append(np.arange(1.0, count + 1.0)**2, np.nan)
+    one, means = statistics.estimate(values, np.random.default_rng(1))
+    assert one.n == count and means.shape == (statistics.RESAMPLES,)
+    assert np.isnan(one.value) == (count == 0)
+    known = count >= 3
+    assert np.isfinite([one.low, one.high]).all() == known == np.isfinite(means).all()
+
+
+@pytest.mark.parametrize('count', [9, 30, 100])
+def test_the_interval_of_independent_values_is_that_of_student(count):
+    """Half of it is t s / sqrt(n) in the mean of many series.
+
+    t has 1.5 degrees of freedom for each block, and blocks are n^(1/3) long. The scatter of
+    resampled means varies by series and by percentile; 60 of them tell it to some percent.
+    """
+    rng = np.random.default_rng(5)
+    halves = []
+    for _ in range(60):
+        values = rng.normal(size=count)
+        one, _ = statistics.estimate(values, rng)
+        halves.append((one.high - one.low) / 2.0)
+    blocks = count / round(count ** (1.0 / 3.0))
+    expected = stats.t.ppf(0.975, 1.5 * blocks) / np.sqrt(count)
+    assert np.mean(halves) == pytest.approx(expected, rel=0.1)
+
+
+def test_the_estimate_moves_and_grows_with_its_values():
+    values = np.random.default_rng(7).normal(size=20)
+    one, _ = statistics.estimate(values, np.random.default_rng(1))
+    other, _ = statistics.estimate(5.0 - 3.0 * values, np.random.default_rng(1))
+    assert other.value == pytest.approx(5.0 - 3.0 * one.value)
+    assert other.low == pytest.approx(5.0 - 3.0 * one.high)
+    assert other.high == pytest.approx(5.0 - 3.0 * one.low)
+
+
+@pytest.mark.parametrize('resamples,p', [
+    (np.arange(1.0, 100.0), 2.0 * 1.0 / 100.0),             # none beyond 0: one counts anyway
+    (-np.arange(1.0, 100.0), 2.0 * 1.0 / 100.0),
+    (np.arange(-3.0, 96.0), 2.0 * 5.0 / 100.0),             # -3, -2, -1 and 0
+    (np.arange(-95.0, 4.0), 2.0 * 5.0 / 100.0),
+    (np.zeros(99), 1.0), (np.arange(-49.0, 50.0), 1.0)])
+def test_p_counts_the_resamples_on_the_other_side_of_nothing(resamples, p):
+    found = statistics.difference(2.5, resamples)
+    assert found.value == 2.5 and found.p == pytest.approx(p)
+    assert (found.low, found.high) == pytest.approx(np.percentile(resamples, [2.5, 97.5]))
+
+
+def test_a_difference_without_resamples_has_no_p():
+    found = statistics.difference(2.5, np.array([1.0, np.nan]))
+    assert found.value == 2.5 and np.isnan([found.low, found.high, found.p]).all()
+
+
+def test_p_by_permutation_is_that_of_all_permutations():
+    """Three and four rows are shuffled one by one: all 35 sides are counted."""
+    rng = np.random.default_rng(2)
+    first, second = rng.dirichlet(np.ones(5), 3), rng.dirichlet(np.ones(5) + 1.0, 4)
+    rows = np.concatenate([first, second])
+
+    def distance(chosen):
+        others = [k for k in range(7) if k not in chosen]
+        gap = rows[list(chosen)].mean(axis=0) - rows[others].mean(axis=0)
+        return np.abs(np.cumsum(gap)).sum()
+
+    # Of three rows blocks have one row each, and so they have of four beside three.
+    all_of_them = [distance(chosen) for chosen in itertools.combinations(range(7), 3)]
+    share = np.mean(np.array(all_of_them) >= distance((0, 1, 2)) - 1e-12)
+    p, chance = statistics.permutation_p(first, second, np.random.default_rng(1), 4000)
+    # Four standard deviations of a share of 4,000 draws.
+    assert p == pytest.approx(share, abs=4.0 * np.sqrt(share * (1.0 - share) / 4000) + 1e-3)
+    # 33 of 35 are 94 %, 34 are 97 %: a draw of 4,000 may take either for 95 %.
+    assert any(chance == pytest.approx(one) for one in sorted(all_of_them)[32:34])
+
+
+def test_the_least_p_by_permutation_is_one_in_all():
+    """Sets without anything in common: only shuffles that change nothing are as far apart."""
+    first, second = np.tile([1.0, 0.0], (20, 1)), np.tile([0.0, 1.0], (20, 1))
+    p, chance = statistics.permutation_p(first, second, np.random.default_rng(1), 99)
+    assert p == 1.0 / 100.0 and 0.0 < chance < 1.0
+    same = np.tile([0.5, 0.5], (20, 1))
+    assert statistics.permutation_p(same, same, np.random.default_rng(1), 99) == (1.0, 0.0)
+
+
+def test_neighbours_change_sides_together():
+    """27 rows in blocks of 3: pairs of equal rows give a shuffled distance of whole blocks only.
+
+    First rows are 1 in the first bin within one block of 3, and nothing else is: a shuffle moves
+    the whole block or nothing of it.
+    """
+    first, second = np.zeros((27, 2)), np.zeros((27, 2))
+    first[:, 1] = second[:, 1] = 1.0
+    first[9:12] = [1.0, 0.0]
+    p, _ = statistics.permutation_p(first, second, np.random.default_rng(1), 200)
+    # The distance is 3 / 27 whichever side the block is on: all shuffles reach it.
+    assert p == 1.0
+
+
+def test_a_sampled_p_is_never_zero():
+    """30 pairs have more signs than are tried: the data themselves count as one way."""
+    rng = np.random.default_rng(5)
+    first = rng.uniform(1.0, 2.0, 30)
+    p = statistics.Comparison.of(first, first - rng.uniform(0.1, 0.5, 30)).p
+    assert 0.0 < p < 0.001
+    mixed = statistics.Comparison.of(rng.standard_normal(30), rng.standard_normal(30))
+    assert mixed.p > 0.05
+
+
+@pytest.mark.parametrize('first,second,p', [(0, 0, 1.0), (3, 3, 1.0), (6, 0, 2 / 2**6),
+                                            (1, 5, 2 * 7 / 2**6)])
+def test_success_of_one_alone_is_a_throw_of_a_coin(first, second, p):
+    assert statistics.either_alone_p(first, second) == pytest.approx(p)
+    assert statistics.either_alone_p(second, first) == pytest.approx(p)
+
+
+def test_the_interval_of_a_mean_is_that_of_student():
+    """NaN is left out; of nothing nothing is known."""
+    values = np.random.default_rng(3).normal(5.0, 2.0, 200)
+    found = statistics.Mean.of(np.append(values, np.nan))
+    half = stats.t.ppf(0.975, 199) * np.std(values, ddof=1) / np.sqrt(200)
+    assert found.count == 200 and found.value == pytest.approx(np.mean(values))
+    assert found.low == pytest.approx(found.value - half, abs=0.06 * half)
+    assert found.high == pytest.approx(found.value + half, abs=0.06 * half)
+    nothing = statistics.Mean.of(np.array([np.nan]))
+    assert nothing.count == 0 and np.isnan([nothing.value, nothing.low, nothing.high]).all()
+
+
+def test_signed_ranks_by_all_signs():
+    """Of six differences with other sizes, all 64 choices of signs are as likely."""
+    differences = np.array([1.0, 2.5, -0.3, 4.0, -1.7, 6.0])
+    ranks = stats.rankdata(np.abs(differences))
+    sums = np.array([ranks @ signs for signs in itertools.product((0.0, 1.0), repeat=6)])
+    observed = ranks @ (differences > 0)
+    p = np.mean(np.abs(sums - 10.5) >= abs(observed - 10.5))
+    assert statistics.signed_rank_p(differences) == pytest.approx(p)
+    assert statistics.signed_rank_p(np.zeros(6)) == 1.0

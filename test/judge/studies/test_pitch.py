@@ -1,0 +1,142 @@
+"""The locomotion study: what it reads from curves, and what our physics shows."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from lunar_rover_sim.base.errors import StudyError
+from lunar_rover_sim.base.files.paths import config_path
+from lunar_rover_sim.judge.studies.locomotion import (analyse, claims, PitchCurve, read_curve,
+                                                      study, velocity_interface)
+from lunar_rover_sim.judge.studies.locomotion_report import plot_cases, report_text, write_curves
+from lunar_rover_sim.rover.description import Chassis, RoverDescription
+from lunar_rover_sim.rover.gait.calibration import GaitCalibration
+from lunar_rover_sim.rover.physics.config import ContactConfig, PhysicsConfig
+
+TIME = np.arange(0.0, 31.0, 0.005)
+
+
+def curve(pitch):
+    return PitchCurve('made', TIME, pitch)
+
+
+def test_a_sine_is_read_as_it_was_made():
+    after = np.clip(TIME - 1.0, 0.0, None)
+    report = analyse(curve(-3.0 + 2.0 * np.sin(2.0 * np.pi * 1.8 * after)), 1.0, 0.9, 1.8)
+    assert report.dominant_hz == pytest.approx(1.8, abs=0.01)
+    assert report.steady_amplitude_deg == pytest.approx(2.0, abs=0.01)
+    assert report.steady_rms_deg == pytest.approx(math.sqrt(2.0), rel=0.01)
+    assert report.periodicity == pytest.approx(1.0, abs=1e-3)
+    assert report.step_share > 0.99
+    assert report.overshoot_deg < 0.001 and report.transient == pytest.approx(1.0, abs=1e-3)
+    assert report.decay_s == 0.0
+
+
+def test_an_overshoot_at_the_start_is_read_with_its_decay():
+    after = np.clip(TIME - 1.0, 0.0, None)
+    pitch = np.sin(2.0 * np.pi * 1.5 * after) * (1.0 + 2.0 * np.exp(-after / 1.0))
+    report = analyse(curve(pitch), 1.0, 0.75, 1.5)
+    # The first crest comes at 1/6 s: 1 + 2 exp(-1/6) = 2.69.
+    assert report.transient == pytest.approx(2.69, abs=0.03)
+    # 2 exp(-t) falls below a tenth at 3 s; the last crest before is at most a period earlier.
+    assert 2.3 < report.decay_s < 3.1
+
+
+def test_leaving_the_rest_position_is_no_overshoot():
+    after = np.clip(TIME - 1.0, 0.0, None)
+    settled = -5.0 * (1.0 - np.exp(-after / 0.5)) + 0.5 * np.sin(2.0 * np.pi * after)
+    report = analyse(curve(np.where(TIME < 1.0, 0.0, settled)), 1.0, 0.5, 1.0)
+    # The sine itself rises a little before the settling takes it down.
+    assert report.transient < 1.6 and report.overshoot_deg < 0.3
+
+
+def test_noise_is_not_periodic():
+    noise = np.random.default_rng(1).normal(size=len(TIME))
+    report = analyse(curve(noise), 1.0, 0.9, 1.8)
+    assert abs(report.periodicity) < 0.1 and report.step_share < 0.1
+
+
+def test_curves_that_are_too_short_are_refused():
+    with pytest.raises(StudyError, match='made: ends 9.0 s after the command'):
+        analyse(PitchCurve('made', TIME[:2001], np.zeros(2001)), 1.0)
+
+
+def test_the_velocity_interface_pitches_by_inertia_over_stiffness():
+    # Stiff support follows the load: m h a = 4 x^2 k p, with a = v / tau at the start.
+    rover = RoverDescription()
+    stiff = PhysicsConfig(contact=dataclasses.replace(ContactConfig(), stiffness_npm=2e4,
+                                                      damping_nspm=200.0))
+    pitch = np.radians(velocity_interface(TIME, 0.12, 1.0, rover, stiff).pitch_deg)
+    mass, x = 2.24, 0.115
+    height = 0.08 + 0.02 + (2.0 * -0.01 + 0.24 * -0.02) / mass
+    static = mass * height * 1.2 / (4.0 * x * x * 2e4)
+    assert np.all(pitch[TIME < 1.0] == 0.0)
+    # A load that comes at once and decays: nose up, not below half nor above twice its static
+    # value (an undamped spring doubles it).
+    assert 0.5 * static < -pitch.min() < 2.0 * static
+    assert abs(pitch[-1]) < 1e-9
+
+
+def test_a_heavier_chassis_on_the_same_support_pitches_more():
+    light = velocity_interface(TIME, 0.1, 1.0, RoverDescription(), PhysicsConfig())
+    heavy = velocity_interface(TIME, 0.1, 1.0, RoverDescription(chassis=Chassis(mass_kg=4.0)),
+                               PhysicsConfig())
+    assert np.abs(heavy.pitch_deg).max() > 1.3 * np.abs(light.pitch_deg).max()
+
+
+@pytest.fixture(scope='module')
+def case():
+    table = GaitCalibration.load(config_path('gait_calibrations/rigid.yaml'))
+    return study(table, speeds_mps=(0.12,), gravities_mps2=(1.62,), duration_s=15.0)[0]
+
+
+def test_what_our_physics_shows(case):
+    """The claims at 0.12 m/s on the Moon, as far as contact and gait bear them."""
+    shown = {claim.name: claim for claim in claims(case)}
+    assert shown['start transient'].value > 1.1
+    assert shown['step frequency'].value == pytest.approx(1.0, abs=0.05)
+    assert case.step_hz == pytest.approx(2.0 * case.cycle_hz)
+    assert shown['smooth interface'].value < 0.1
+    assert shown['no interface peak'].value < 0.2
+    assert all(claim.holds for claim in shown.values())
+    # Nearly periodic by the gait cycle, and most of it at the step frequency.
+    assert case.gait_report.periodicity > 0.8
+    assert case.gait_report.step_share > 0.5
+    assert case.mean_speed_mps == pytest.approx(0.12, rel=0.1)
+
+
+def test_the_report_names_each_claim_and_the_files_are_written(case, tmp_path):
+    overlay = PitchCurve('robot', TIME, np.sin(TIME))
+    text = report_text([case], [overlay])
+    for claim in claims(case):
+        assert claim.name in text
+    assert 'robot' in text and 'velocity interface' in text
+    plot_cases([case], tmp_path / 'plot.png', [overlay])
+    write_curves([case], tmp_path / 'pitch.csv')
+    assert (tmp_path / 'plot.png').stat().st_size > 10000
+    lines = (tmp_path / 'pitch.csv').read_text().splitlines()
+    assert lines[0] == 'time_s,gait_0.12mps_1.62mps2_deg,interface_0.12mps_1.62mps2_deg'
+    assert len(lines) == len(case.gait.time_s) + 1
+
+
+def test_a_curve_is_read_with_or_without_a_header(tmp_path):
+    for text in ('time,pitch\n0,1\n1,2\n3,4\n', '# made by hand\n0,1\n1,2\n\n3,4\n'):
+        (tmp_path / 'other.csv').write_text(text)
+        read = read_curve(tmp_path / 'other.csv')
+        assert read.name == 'other'
+        np.testing.assert_allclose(read.time_s, [0.0, 1.5, 3.0])
+        np.testing.assert_allclose(read.pitch_deg, [1.0, 2.5, 4.0])
+
+
+@pytest.mark.parametrize(('text', 'message'), [
+    ('0,1\n1,x\n', 'line 2'), ('t\n0,1\n1\n', 'line 3'), ('0,1\n', 'two or more'), ('', 'two or'),
+    ('0,1\n0,2\n', 'increasing'), ('0,1\n1,nan\n', 'line 2: 1, nan is not valid; valid are numb'),
+    ('0,1\n1e300,2\n', 'line 2: 1e[+]300, 2 is not valid')])
+def test_curves_that_are_none_are_refused(tmp_path, text, message):
+    (tmp_path / 'bad.csv').write_text(text)
+    with pytest.raises(StudyError, match=message):
+        read_curve(tmp_path / 'bad.csv')
+    with pytest.raises(StudyError, match='none.csv: cannot be read'):
+        read_curve(tmp_path / 'none.csv')

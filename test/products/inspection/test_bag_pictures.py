@@ -1,0 +1,274 @@
+"""`bag preview`, its figure of heading and power, and the other commands on bags."""
+
+from pathlib import Path
+import shutil
+
+import cv2
+from matplotlib.figure import Figure
+import numpy as np
+import pytest
+import sensor_items
+import synthetic_bag as synthetic
+import worlds
+
+from lunar_rover_sim.bag import marker
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import BagError, WorldError
+from lunar_rover_sim.base.seconds import NS_PER_S
+from lunar_rover_sim.cli.main import main
+from lunar_rover_sim.ground.world.world_folder import load_world, save_world
+from lunar_rover_sim.image.lidar.scan import POINT
+from lunar_rover_sim.products.inspection.bag_pictures import preview
+from lunar_rover_sim.products.inspection.heading_pictures import FILE, heading_figure
+
+STEREO = [f'stereo_{k}.png' for k in range(4)]
+
+
+@pytest.fixture(scope='module')
+def world(tmp_path_factory):
+    return save_world(worlds.small(), tmp_path_factory.mktemp('world') / 'small')
+
+
+@pytest.fixture(scope='module')
+def items(world):
+    items = synthetic.drive(0.6)
+    next(i for i in items if i.topic == 'world_hash').message.data = load_world(world).hash
+    return items
+
+
+@pytest.fixture(scope='module')
+def bag(items, tmp_path_factory):
+    return synthetic.write(tmp_path_factory.mktemp('bag') / 'bag', items)
+
+
+@pytest.fixture(scope='module')
+def driven(items, tmp_path_factory):
+    """Return the bag without images."""
+    return synthetic.write(tmp_path_factory.mktemp('driven') / 'bag',
+                           [i for i in items if 'image' not in i.topic])
+
+
+def test_pictures_are_written_and_named(tmp_path, bag, driven, world, monkeypatch):
+    monkeypatch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path / 'cache'))
+    paths = preview(bag, tmp_path / 'out', world)
+    names = [*STEREO, 'trajectory.png', 'attitude.png', 'imu.png']
+    assert [p.name for p in paths] == names
+    for path in paths:
+        assert cv2.imread(str(path)).std() > 5.0
+    bare = preview(driven, tmp_path / 'bare')
+    assert not (cv2.imread(str(bare[0])) == cv2.imread(str(paths[4]))).all()
+    shutil.copytree(world, tmp_path / 'cache' / 'worlds' / 'any_name')
+    cached = preview(driven, tmp_path / 'cached')
+    assert (cv2.imread(str(cached[0])) == cv2.imread(str(paths[4]))).all()
+
+
+def test_what_is_missing_is_left_out(tmp_path, items, driven):
+    assert [p.name for p in preview(driven, tmp_path / 'out')] == [
+        'trajectory.png', 'attitude.png', 'imu.png']
+    empty = synthetic.write(tmp_path / 'empty', [i for i in items if i.topic == 'sun'])
+    with pytest.raises(BagError, match='nothing to preview'):
+        preview(empty, tmp_path / 'none')
+    assert not (tmp_path / 'none').exists()
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path, bag):
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(BagError, match='stereo_0.png: cannot be written: Not a directory'):
+        preview(bag, tmp_path / 'file' / 'out')
+
+
+def test_another_world_is_refused(tmp_path, items, world):
+    other = [i for i in items if i.topic != 'world_hash' and 'stereo' not in i.topic]
+    other.append(synthetic.Item('world_hash', 'std_msgs/msg/String',
+                                synthetic.msg('std_msgs/String', data='0' * 32)))
+    path = synthetic.write(tmp_path / 'bag', other)
+    with pytest.raises(WorldError, match='is not that of the world of .*bag, 000000000000'):
+        preview(path, tmp_path / 'out', world)
+
+
+def test_the_commands(tmp_path, bag, capsys):
+    assert main(['bag', 'info', str(bag)]) == 0
+    assert '/stereo/disparity' in capsys.readouterr().out
+    assert main(['bag', 'hash', '--topics', str(bag)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines[-1]) == 64 and any(line.endswith('  /odom') for line in lines)
+    assert main(['bag', 'check', str(bag)]) == 0
+    assert 'passed' in capsys.readouterr().out
+    marker.mark(bag, 'the power went')
+    try:
+        assert main(['bag', 'check', str(bag)]) == 1
+        assert 'the power went' in capsys.readouterr().out
+        assert main(['bag', 'recover', str(bag)]) == 0
+        assert 'INCOMPLETE: the power went' in (main(['bag', 'info', str(bag)]),
+                                                capsys.readouterr().out)[1]
+    finally:
+        marker.unmark(bag)
+    assert main(['bag', 'recover', str(bag)]) == 1
+    assert 'nothing to recover' in capsys.readouterr().err
+    assert main(['bag', 'info', str(tmp_path / 'missing')]) == 1
+    assert capsys.readouterr().err.count('\n') == 1
+    assert main(['bag', 'export', str(bag), '-o', str(tmp_path / 'seq'), '--format', 'tum']) == 0
+    assert '6 image sets' in capsys.readouterr().out
+
+
+NS = NS_PER_S // 10
+BESIDES = ['truth_right.png', 'hazard_front.png', 'hazard_rear_left.png', 'chase.png', 'lidar.png']
+
+
+def image(topic: str, encoding: str, pixels: np.ndarray) -> synthetic.Item:
+    return synthetic.Item(topic, 'sensor_msgs/msg/Image',
+                          synthetic.image(NS, 'frame', encoding, pixels))
+
+
+def cloud() -> synthetic.Item:
+    """Return a ring of 90 points, 3 m away."""
+    points = np.zeros(90, POINT)
+    angle = np.linspace(-np.pi, np.pi, 90)
+    points['x'], points['y'] = 3.0 * np.cos(angle), 3.0 * np.sin(angle)
+    points['z'], points['intensity'] = -0.3, 50.0 + 40.0 * np.cos(angle)
+    return synthetic.cloud(topics.LIDAR_POINTS, NS, 'lidar_link', points)
+
+
+@pytest.fixture(scope='module')
+def of_sensors() -> list[synthetic.Item]:
+    """Return images of each kind, with something in them."""
+    rng = np.random.default_rng(3)
+    gray = rng.integers(0, 256, (48, 64), dtype=np.uint8)
+    numbers = np.repeat(np.arange(48, dtype=np.uint16), 64).reshape(48, 64)
+    depth = np.linspace(0.5, 8.0, 48 * 64, dtype=np.float32).reshape(48, 64)
+    normals = np.broadcast_to(np.array([0.0, -0.6, -0.8], np.float32), (48, 64, 3)).copy()
+    found = [image(f'ground_truth/right/{name}', encoding, pixels) for name, encoding, pixels in (
+        ('depth/image', '32FC1', depth), ('labels', 'mono16', numbers),
+        ('craters', 'mono16', numbers), ('shadow', 'rgb8', np.repeat(gray[..., None], 3, axis=2)),
+        ('normals', '32FC3', normals))]
+    for camera in ('front', 'rear/left'):
+        found.append(image(f'hazard/{camera}/image_raw', 'mono8', gray))
+        found.append(image(f'ground_truth/hazard/{camera}/labels', 'mono16', numbers))
+    return [*found, image('ground_truth/hazard/front/depth/image', '32FC1', depth),
+            image('chase/image_raw', 'mono8', gray), cloud()]
+
+
+def test_each_has_its_picture(tmp_path: Path, of_sensors: list[synthetic.Item]) -> None:
+    bag = synthetic.write(tmp_path / 'bag', of_sensors)
+    paths = preview(bag, tmp_path / 'out')
+    assert [path.name for path in paths] == BESIDES
+    for path in paths:
+        picture = cv2.imread(str(path))
+        assert picture is not None and picture.std() > 5.0, path.name
+
+
+def test_a_hazard_camera_without_truth_of_its_image(tmp_path: Path,
+                                                    of_sensors: list[synthetic.Item]) -> None:
+    """Its image has a picture of its own, which it fills."""
+    shown = next(item for item in of_sensors if item.topic == 'hazard/front/image_raw')
+    numbers = np.zeros((48, 64), np.uint16)
+    late = synthetic.Item('ground_truth/hazard/front/labels', 'sensor_msgs/msg/Image',
+                          synthetic.image(2 * NS, 'frame', 'mono16', numbers))
+    drawn = []
+    for name, held in (('alone', [shown]), ('late', [shown, late])):
+        path, = preview(synthetic.write(tmp_path / name, held), tmp_path / f'{name}_out')
+        assert path.name == 'hazard_front.png'
+        drawn.append(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+    np.testing.assert_array_equal(*drawn)
+    assert (drawn[0] < 255).mean() > 0.6     # in four panels it had a fifth
+
+
+@pytest.mark.parametrize('part', ['ground_truth/right/labels', 'ground_truth/hazard/front/labels',
+                                  'hazard/front/image_raw', 'chase/image_raw', 'lidar/points'])
+def test_one_topic_of_a_sensor_is_enough(tmp_path: Path, of_sensors: list[synthetic.Item],
+                                         part: str) -> None:
+    bag = synthetic.write(tmp_path / 'bag', [item for item in of_sensors if item.topic == part])
+    assert len(preview(bag, tmp_path / 'out')) == 1
+
+
+MS = 1_000_000
+TITLES = ['sun_sensor/direction: direction in base_link',
+          'sun_sensor/direction: angle to the true direction',
+          'star_tracker/attitude: error of the attitude', 'wheel/odometry: path',
+          'wheel/odometry: distance from the true place', 'wheel/odometry: error of the heading',
+          'power: currents that motors draw', 'power']
+
+
+@pytest.fixture(scope='module')
+def heading() -> list[synthetic.Item]:
+    """Return half a second of truth, and sensors that measure just that."""
+    found = synthetic.drive(0.5, only=(topics.ODOM, topics.SUN))
+    for ns in range(100 * MS, 501 * MS, 100 * MS):
+        found += sensor_items.heading_items(ns) + sensor_items.power_items(ns)
+    return found
+
+
+def drawn(path: Path) -> list[Figure]:
+    """Return the figures of a bag, without writing them."""
+    figures: list[Figure] = []
+    with open_bag(path) as bag:
+        heading_figure(bag, lambda figure, name: figures.append(figure))
+    return figures
+
+
+def values(figure: Figure, title: str) -> list[np.ndarray]:
+    """Return the heights of the curves of a panel."""
+    axes = next(axes for axes in figure.axes if axes.get_title() == title)
+    return [np.asarray(line.get_ydata(), float) for line in axes.get_lines()]
+
+
+def test_true_measurements_have_no_error(tmp_path: Path, heading: list[synthetic.Item]) -> None:
+    """Angles in double precision; the root of the rounding of a cosine is not in them."""
+    figure, = drawn(synthetic.write(tmp_path / 'bag', heading))
+    assert [axes.get_title() for axes in figure.axes] == TITLES
+    assert np.abs(values(figure, TITLES[1])[0]).max() < 1e-9        # [deg]
+    for curve in values(figure, TITLES[2])[:3]:
+        assert np.abs(curve).max() < 1e-8 * 206265                  # [arcsec]
+    assert np.abs(values(figure, TITLES[4])[0]).max() < 1e-9        # [m]
+    assert np.abs(values(figure, TITLES[5])[0]).max() < 1e-7        # [deg]
+
+
+def test_errors_are_those_of_the_messages(tmp_path: Path, heading: list[synthetic.Item]) -> None:
+    """A sun sensor turned by 2 degrees; what is drawn is positive, power is volts amperes."""
+    turned = []
+    for item in heading:
+        if item.topic == topics.SUN_SENSOR.name:
+            vector = item.message.vector
+            v = np.array([vector.x, vector.y, vector.z])
+            across = np.cross(v, [0.0, 0.0, 1.0])
+            across /= np.linalg.norm(across)
+            angle = np.radians(2.0)
+            measured = np.cos(angle) * v + np.sin(angle) * across
+            item = synthetic.Item(item.topic, item.msgtype, synthetic.msg(
+                'geometry_msgs/Vector3Stamped', header=item.message.header,
+                vector=synthetic.vector(measured)))
+        turned.append(item)
+    figure, = drawn(synthetic.write(tmp_path / 'bag', turned))
+    np.testing.assert_allclose(values(figure, TITLES[1])[0], 2.0, atol=1e-9)
+    for k, curve in enumerate(values(figure, TITLES[6]), 1):
+        np.testing.assert_allclose(curve, 100.0 * k, rtol=1e-6)     # [mA]
+    bus, solar = values(figure, TITLES[7])
+    np.testing.assert_allclose(bus, 12.0 * 0.5, rtol=1e-6)
+    np.testing.assert_allclose(solar, 12.0 * 0.8, rtol=1e-6)
+
+
+@pytest.mark.parametrize('topic', [topics.WHEEL_ODOM, topics.SOLAR_POWER])
+def test_one_topic_is_enough(tmp_path: Path, heading: list[synthetic.Item],
+                             topic: topics.Topic) -> None:
+    bag = synthetic.write(tmp_path / 'bag', [i for i in heading if i.topic == topic.name])
+    assert [path.name for path in preview(bag, tmp_path / 'out')] == [FILE]
+    assert (tmp_path / 'out' / FILE).stat().st_size > 5000
+
+
+def test_a_sun_that_stands_still_is_in_the_scenario(tmp_path: Path,
+                                                    heading: list[synthetic.Item]) -> None:
+    """Runs without cameras have no topic of the sun, which is at (30, 10) degrees here."""
+    text = ('render_node:\n  ros__parameters:\n'
+            '    sun: {azimuth_deg: 30.0, elevation_deg: 10.0, date: ""}\n')
+    scenario = synthetic.text(topics.SCENARIO, text)
+    kept = [item for item in heading if item.topic != topics.SUN.name]
+    figure, = drawn(synthetic.write(tmp_path / 'bag', [*kept, scenario]))
+    assert np.abs(values(figure, TITLES[1])[0]).max() < 1e-9
+    figure, = drawn(synthetic.write(tmp_path / 'unknown', kept))
+    assert TITLES[1] not in [axes.get_title() for axes in figure.axes]
+
+
+def test_nothing_is_drawn_without_them(tmp_path: Path, heading: list[synthetic.Item]) -> None:
+    assert not drawn(synthetic.write(tmp_path / 'bag', [
+        item for item in heading if item.topic in (topics.ODOM.name, topics.SUN.name)]))

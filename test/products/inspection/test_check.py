@@ -1,0 +1,186 @@
+"""`bag check` and `bag hash`: a good bag passes; every damage is found and named."""
+
+import copy
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+from products.inspection.damages import DAMAGES, drop, edited, SCENARIO, setter
+import pytest
+import synthetic_bag as synthetic
+from synthetic_bag import Item
+from synthetic_ground import ground_items
+import yaml
+
+from lunar_rover_sim.bag import marker
+from lunar_rover_sim.bag.content_hash import bag_hash, topic_hashes
+from lunar_rover_sim.bag.writer import BagWriter
+from lunar_rover_sim.products.inspection.check import check
+from lunar_rover_sim.products.inspection.report import Status
+
+
+@pytest.fixture(scope='module')
+def good() -> list[Item]:
+    items = synthetic.drive(0.6, state_hz=100)
+    next(i for i in items if i.topic == 'scenario').message.data = \
+        SCENARIO.replace('MODE', 'lockstep')
+    return items + ground_items(0.6)
+
+
+def test_a_good_bag_passes(tmp_path, good):
+    report = check(synthetic.write(tmp_path / 'bag', good))
+    assert report.ok, report.failed
+    assert {f.status for f in report.findings} == {Status.PASS}
+    assert len(report.findings) >= 15
+
+
+@pytest.mark.parametrize('damage', DAMAGES)
+def test_damage_is_found_and_named(tmp_path, good, damage):
+    make, name, words = DAMAGES[damage]
+    report = check(synthetic.write(tmp_path / 'bag', make(good)))
+    found = {f.check: f.detail for f in report.failed}
+    assert name in found
+    assert words in found[name]
+
+
+def test_snapshots_of_the_ground_come_with_every_reader(tmp_path, good):
+    """Three readers, of whom the recorder is the first: three in the bag, and nothing is wrong."""
+    change = next(i for i in good if i.topic == 'ground/changes')
+    items = copy.deepcopy(good)
+    items += [Item('ground/snapshot', 'sensor_msgs/msg/PointCloud2', change.message)] * 3
+    failed = check(synthetic.write(tmp_path / 'bag', items)).failed
+    assert 'latched' not in {finding.check for finding in failed}
+
+
+def every_second(items: list[Item], depth_every: int = 2) -> list[Item]:
+    """Return the items with a scenario that asks for depth with every n-th frame."""
+    items = [i for i in items if i.topic != 'ground/changes']
+    text = SCENARIO.replace('MODE', 'lockstep').replace(', ground: {model: regolith}', '').replace(
+        'frame_rate_hz: 10', f'frame_rate_hz: 10, depth_every: {depth_every}')
+    return edited(items, 'scenario', setter('data', text))
+
+
+def test_hazard_cameras_are_those_of_the_scenario(tmp_path, good):
+    """One that was to be recorded is there at its rate, and is the camera of the scenario."""
+    name = 'hazard/front/camera_info'
+    fov_deg = 2.0 * np.degrees(np.arctan(0.5 * synthetic.WIDTH / synthetic.FOCAL_PX))
+    hazard = (f'hazard: {{front: {{rate_hz: 5, camera: {{model: pinhole, width: {synthetic.WIDTH},'
+              f' height: {synthetic.HEIGHT}, horizontal_fov_deg: {fov_deg}}}}}}}')
+    items = copy.deepcopy([i for i in good if i.topic == 'scenario'])
+    text = items[0].message.data.replace('frame_rate_hz: 10', f'frame_rate_hz: 10, {hazard}')
+    items[0].message.data = text.replace('[all]', f'[all, {name}]')
+    items += [i for i in good if i.topic != 'scenario']
+    taken = [Item(name, 'sensor_msgs/msg/CameraInfo', synthetic.camera_info(
+        ns, 'hazard_front_optical_frame', 0.0)) for ns in (200_000_000, 400_000_000, 600_000_000)]
+
+    def failed(case: str, more: list[Item]) -> list[tuple[str, str]]:
+        report = check(synthetic.write(tmp_path / case, items + more))
+        assert 'hazard cameras' in {f.check for f in report.findings}
+        return [(f.check, f.detail) for f in report.failed]
+
+    assert failed('whole', taken) == []
+    assert failed('none', []) == [('hazard cameras', f'{name}: missing')]
+    assert failed('gap', taken[::2]) == [
+        ('hazard cameras', f'{name}: 1 of 3 missing, first at 0.400 s')]
+    other = edited(taken, name, setter('distortion_model', 'equidistant'))
+    assert failed('other', other) == [
+        ('hazard cameras', f'{name}: not the camera of the scenario')]
+
+
+def test_depth_may_come_with_every_second_frame(tmp_path):
+    """It is counted, and it belongs to images; an image belongs to no depth."""
+    items = every_second(synthetic.drive(0.6, state_hz=100, depth_every=2))
+    report = check(synthetic.write(tmp_path / 'bag', items))
+    assert {f.status for f in report.findings} == {Status.PASS}
+    found = {f.check: f.detail for f in report.findings}
+    assert found['depth frame counts'] == '4 topics x 3 at 5 Hz'
+    assert found['stereo sets'] == '6 sets of 4, 3 sets of 3 with one stamp'
+    lost = edited(items, 'stereo/depth/image', drop, 0.4)
+    failed = check(synthetic.write(tmp_path / 'lost', lost)).failed
+    assert {f.check: f.detail for f in failed} == {
+        'depth frame counts': '/stereo/depth/image: 1 of 3 missing, first at 0.400 s',
+        'stereo sets': 'stereo/depth/image lacks 1 of 3 stamps, first 0.400000 s'}
+    fewer = check(synthetic.write(tmp_path / 'fewer', every_second(items, 1))).failed
+    assert {f.check for f in fewer} == {'depth frame rate', 'depth frame counts'}
+    without = edited(items, 'stereo/right/image_raw', drop, 0.4)
+    assert 'stereo/right/image_raw lacks 1 of 6' in {f.check: f.detail for f in check(
+        synthetic.write(tmp_path / 'without', without)).failed}['stereo sets']
+
+
+def test_an_unfinished_bag_is_named(tmp_path, good):
+    path = synthetic.write(tmp_path / 'bag', good)
+    marker.mark(path, 'No space left on device')
+    assert [f.detail for f in check(path).failed] == ['No space left on device']
+
+
+def test_drops_in_real_time_are_warnings(tmp_path, good):
+    items = [dataclasses.replace(i, message=copy.deepcopy(i.message))
+             if i.topic == 'scenario' else i for i in good]
+    next(i for i in items if i.topic == 'scenario').message.data = \
+        SCENARIO.replace('MODE', 'real_time')
+    report = check(synthetic.write(tmp_path / 'bag', edited(items, 'odom', drop, 0.41)))
+    assert report.ok
+    assert [f.check for f in report.findings if f.status is Status.WARN] == ['state counts']
+    fewer = edited(edited(items, 'stereo/right/image_raw', drop, 0.4), 'odom', drop, 0.5)
+    report = check(synthetic.write(tmp_path / 'fewer', fewer))
+    found = {f.check: f for f in report.findings if f.status is Status.WARN}
+    assert report.ok
+    assert {'frame counts', 'stereo sets', 'pose per image'} <= set(found)
+    assert 'lacks 1 of 6' in found['stereo sets'].detail
+
+
+def test_a_namespace_is_derived(tmp_path, good):
+    path = synthetic.write(tmp_path / 'bag', edited(good, 'odom', drop, 0.5),
+                           namespace='/rover1')
+    assert {f.check for f in check(path).failed} == {'state counts', 'pose per image'}
+
+
+def test_two_rovers_in_one_bag(tmp_path, good):
+    with BagWriter(tmp_path / 'bag') as writer:
+        for namespace in ('/a', '/b'):
+            for item in good:
+                if namespace == '/a' or item.topic != 'world_hash':
+                    writer.write(f'{namespace}/{item.topic}', item.msgtype,
+                                 synthetic.serialise(item), 0)
+    assert {f.check for f in check(tmp_path / 'bag').failed} == {'b topics', 'b world hash'}
+
+
+def test_the_odometry_of_an_estimator_is_no_second_rover(tmp_path, good):
+    with BagWriter(tmp_path / 'bag') as writer:
+        for item in good:
+            for name in (item.topic, 'vo/odom') if item.topic == 'odom' else (item.topic,):
+                writer.write(f'/{name}', item.msgtype, synthetic.serialise(item), 0)
+    assert check(tmp_path / 'bag').ok
+
+
+def test_padding_and_wall_time_do_not_count(tmp_path, good):
+    log = synthetic.msg('rcl_interfaces/Log', stamp=synthetic.time(10**18), level=20, name='n',
+                        msg='m', file='f', function='g', line=1)
+    with BagWriter(tmp_path / 'a') as one, BagWriter(tmp_path / 'b') as two:
+        two.write('/rosout', 'rcl_interfaces/msg/Log',
+                  bytes(synthetic.STORE.serialize_cdr(log, 'rcl_interfaces/msg/Log')), 0)
+        for item in good[:500]:
+            raw = synthetic.serialise(item)
+            one.write(f'/{item.topic}', item.msgtype, raw, 0)
+            if item.topic == 'odom':  # the 3 bytes behind 'odom\0', and the options
+                raw = bytearray(raw)
+                assert raw[16:21] == b'odom\0' and raw[21:24] == bytes(3)
+                raw[21:24] = b'abc'
+                raw[2:4] = b'\0\3'
+            two.write(f'/{item.topic}', item.msgtype, bytes(raw), 0)
+    assert bag_hash(tmp_path / 'a') == bag_hash(tmp_path / 'b')
+    assert '/rosout' not in topic_hashes(tmp_path / 'b')
+
+
+def test_messages_that_the_reader_does_not_find(good: list[Item], tmp_path: Path) -> None:
+    """metadata.yaml counts them, but lacks the QoS by which rosbags finds their topic."""
+    bag = synthetic.write(tmp_path / 'bag', good)
+    assert check(bag).ok
+    path = bag / marker.METADATA_NAME
+    metadata = yaml.safe_load(path.read_text())
+    for entry in metadata['rosbag2_bagfile_information']['topics_with_message_count']:
+        if entry['topic_metadata']['name'] == '/tf_static':
+            del entry['topic_metadata']['offered_qos_profiles']
+    path.write_text(yaml.safe_dump(metadata))
+    assert [(f.check, f.detail) for f in check(bag).failed] == [
+        ('readable', '/tf_static: 0 of 1 messages are found')]
