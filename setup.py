@@ -99,8 +99,6 @@ setup(
                  'setuptools>=70.1', 'distributed>=2024.4', USD, 'foxglove-sdk>=0.14',
                  'webdataset>=1.0', 'websockets>=13', 'gymnasium>=1.1', 'onnx>=1.16',
                  'onnxruntime>=1.18'],
-        # Random changes of the code, to see which of them the tests notice.
-        'mutation': ['cosmic-ray>=8.4', 'coverage>=7.4'],
         'docs': ['furo>=2024.8', 'myst-nb>=1.1', 'sphinx>=7'],
     },
     # Each of these is a name for resource/nodes/start.

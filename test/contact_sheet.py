@@ -1,13 +1,13 @@
 """Sheets of pictures: scenarios x heights of the sun x directions x near and far.
 
-    python docs/contact_sheet.py FOLDER [--scenarios baseline highland] [--width 320]
+    python test/contact_sheet.py FOLDER [--scenarios baseline highland] [--width 320]
 
 Writes FOLDER/SCENARIO.webp. Each row is an elevation of the sun. Its six pictures look towards the
 sun, across and away from it, first from the rover's own cameras (near), then from 3 m above the
 ground (far). Exposure follows each picture. They are what to look at after a change of the world
 or of the light; those of the documentation are made by
 
-    python docs/contact_sheet.py resource/pictures/sheets
+    python test/contact_sheet.py resource/pictures/sheets
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Photographs of Apollo beside pictures of ours at the same sun, height and field of view.
 
-    python docs/photographs.py APOLLO_FOLDER OUTPUT_FOLDER
+    python test/benchmarks/bench_photographs.py APOLLO_FOLDER OUTPUT_FOLDER
 
 APOLLO_FOLDER holds scans by their numbers (NASA, public domain). Their borders are cut off, and
 the light that the scanner added to black is taken away. The heights of the sun and the directions

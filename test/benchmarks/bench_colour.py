@@ -1,6 +1,6 @@
 """What colour costs and what it takes from stereo: the same ten places of `baseline`, both ways.
 
-    python docs/colour_against_grey.py
+    python test/benchmarks/bench_colour.py
 
 prints CPU time of a pair, wrong matches and density of SGM, keypoints of ORB and exposure, with
 means of the paired differences, their 95 % intervals and p of Wilcoxon's test.
