@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from importlib import resources
 import logging
+import os
 import re
 from typing import Any
 
@@ -25,6 +26,10 @@ def create_context() -> moderngl.Context:
     Raises:
         RenderError: If there is no usable device; the error names the packages to install.
     """
+    if 'LP_NATIVE_VECTOR_WIDTH' in os.environ:
+        # Mesa's cache does not tell code of one width from that of another, which writes beyond
+        # the memory that it is given: the heap is corrupt when rocks are drawn.
+        os.environ['MESA_SHADER_CACHE_DISABLE'] = 'true'
     try:
         context = moderngl.create_context(
             standalone=True, backend='egl', require=330)  # type: ignore[arg-type]
