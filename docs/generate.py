@@ -82,7 +82,7 @@ def topic_table() -> str:
             rate = rates.get(topic.rate, topic.rate)
             if topic is topics.CMD_VEL:
                 rate = f'{nodes["drive_node"].rate_hz} Hz'               # type: ignore
-            if topic.on_request:
+            if not topic.in_all:
                 rate += ', on request'
             frame = f'`{topic.frame_id}`' if topic.frame_id else ''
             parts.append(f'| `{topic.name}` | {cell(topic.type.replace("/msg/", "/"))} | '

@@ -31,7 +31,7 @@ class Topic:
         type: As ROS 2 writes it, `package/msg/Name`.
         rate: STATE, FRAME, DEPTH_FRAME, SCAN, LATCHED or EVENT.
         frame_id: That of the header; empty where the type has none.
-        on_request: Made only while somebody subscribes; a recorder of all topics leaves it out.
+        in_all: Whether a recorder of `all` takes it; the others are named beside `all`.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Topic:
     node: str
     frame_id: str = ''
     note: str = ''
-    on_request: bool = False
+    in_all: bool = True
 
     def frame(self, separate_truth: bool) -> str:
         """Return the frame of its header.
@@ -82,31 +82,31 @@ GROUND_CHANGES = Topic('ground/changes', 'sensor_msgs/msg/PointCloud2', FRAME, '
                        'since the message before; height_change and compaction are absolute [m]')
 GROUND_SNAPSHOT = Topic('ground/snapshot', 'sensor_msgs/msg/PointCloud2', LATCHED, 'physics_node',
                         frames.ODOM_FRAME, 'where ground.model is regolith: all changed samples, '
-                        'anew for every reader that joins', on_request=True)
+                        'anew for every reader that joins', in_all=False)
 SINKAGE = Topic('ground_truth/sinkage', 'sensor_msgs/msg/JointState', STATE, 'physics_node',
                 frames.BASE_FRAME, 'where ground.model is regolith: position is how deep each leg '
-                'stands in the ground [m]', on_request=True)
+                'stands in the ground [m]', in_all=False)
 FOOT_SLIP = Topic('ground_truth/slip', 'sensor_msgs/msg/JointState', STATE, 'physics_node',
                   frames.BASE_FRAME, 'velocity: slip and sweep of each foot along the heading '
-                  '[m/s]; position: their sums [m]', on_request=True)
+                  '[m/s]; position: their sums [m]', in_all=False)
 WHEEL_ODOM = Topic('wheel/odometry', 'nav_msgs/msg/Odometry', STATE, 'physics_node',
                    frames.WHEEL_ODOM_FRAME, 'pose and twist from the encoders of the legs alone, '
-                   'with their covariance', on_request=True)
+                   'with their covariance', in_all=False)
 POWER = tuple(
     Topic(f'power/{line}', 'sensor_msgs/msg/BatteryState', STATE, 'physics_node', '',
           f'voltage and current in the supply line of {of}, as a power monitor shows them; '
-          'negative where power is drawn [V, A]', on_request=True)
+          'negative where power is drawn [V, A]', in_all=False)
     for line, of in ((LEG, 'the motor of each leg'), ('bus', 'all motors')))
 SUN_SENSOR = Topic('sun_sensor/direction', 'geometry_msgs/msg/Vector3Stamped', EVENT,
                    'physics_node', frames.BASE_FRAME, 'measured unit vector to the sun, at '
-                   'sun_sensor.rate_hz; silent in shadow', on_request=True)
+                   'sun_sensor.rate_hz; silent in shadow', in_all=False)
 STAR_TRACKER = Topic('star_tracker/attitude', 'sensor_msgs/msg/Imu', EVENT, 'physics_node',
                      frames.BASE_FRAME, 'measured orientation of base_link in the world with its '
                      'covariance, at star_tracker.rate_hz; silent while stars cannot be seen',
-                     on_request=True)
+                     in_all=False)
 SOLAR_POWER = Topic('power/solar', 'sensor_msgs/msg/BatteryState', EVENT, 'physics_node', '',
                     'voltage and current that the solar panel gives to the supply [V, A], at '
-                    'solar_panel.rate_hz; 0 in shadow', on_request=True)
+                    'solar_panel.rate_hz; 0 in shadow', in_all=False)
 JOINT_COMMANDS = Topic('joint_commands', 'sensor_msgs/msg/JointState', STATE,
                        'gait_controller_node', '',
                        'velocity command [rad/s], reference angle [rad]; stamp = state answered')
@@ -134,56 +134,56 @@ DEPTH_INFO = Topic('stereo/depth/camera_info', 'sensor_msgs/msg/CameraInfo', DEP
                    'that of the left camera, beside the depth image')
 LEFT_COMPRESSED = Topic('stereo/left/image_raw/compressed', 'sensor_msgs/msg/CompressedImage',
                         FRAME, 'render_node', frames.LEFT_OPTICAL_FRAME,
-                        'JPEG or PNG, as compressed_image_transport', on_request=True)
+                        'JPEG or PNG, as compressed_image_transport', in_all=False)
 RIGHT_COMPRESSED = Topic('stereo/right/image_raw/compressed', 'sensor_msgs/msg/CompressedImage',
                          FRAME, 'render_node', frames.RIGHT_OPTICAL_FRAME,
-                         'JPEG or PNG, as compressed_image_transport', on_request=True)
+                         'JPEG or PNG, as compressed_image_transport', in_all=False)
 POINTS = Topic('stereo/points2', 'sensor_msgs/msg/PointCloud2', DEPTH_FRAME, 'render_node',
                frames.LEFT_OPTICAL_FRAME, 'from SGM: x, y, z [m], intensity of the left image; '
-               'one point a pixel, NaN where unknown', on_request=True)
+               'one point a pixel, NaN where unknown', in_all=False)
 TRUE_DEPTH = Topic('ground_truth/depth/image', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
                    frames.LEFT_OPTICAL_FRAME, 'depth of the scene, 32FC1 [m], +Inf for the sky')
 CHASE_IMAGE = Topic('chase/image_raw', 'sensor_msgs/msg/Image', EVENT, 'render_node',
                     frames.CHASE_OPTICAL_FRAME, 'the rover from outside, where chase.enabled is '
-                    'set; at chase.rate_hz', on_request=True)
+                    'set; at chase.rate_hz', in_all=False)
 CHASE_INFO = Topic('chase/camera_info', 'sensor_msgs/msg/CameraInfo', EVENT, 'render_node',
-                   frames.CHASE_OPTICAL_FRAME, 'that of the chase camera', on_request=True)
+                   frames.CHASE_OPTICAL_FRAME, 'that of the chase camera', in_all=False)
 CHASE_POSE = Topic('chase/pose', 'geometry_msgs/msg/PoseStamped', EVENT, 'render_node',
-                   frames.ODOM_FRAME, 'of its optical frame, which moves', on_request=True)
+                   frames.ODOM_FRAME, 'of its optical frame, which moves', in_all=False)
 HAZARD_IMAGE = Topic(f'hazard/{NAME}/image_raw', 'sensor_msgs/msg/Image', EVENT, 'render_node',
                      f'hazard_{NAME}_optical_frame', 'of each camera in hazard, at its rate_hz; '
-                     f'of a pair, hazard/{NAME}/left/image_raw and right', on_request=True)
+                     f'of a pair, hazard/{NAME}/left/image_raw and right', in_all=False)
 HAZARD_INFO = Topic(f'hazard/{NAME}/camera_info', 'sensor_msgs/msg/CameraInfo', EVENT,
                     'render_node', f'hazard_{NAME}_optical_frame', 'equidistant or plumb_bob; of '
-                    'a pair, also left and right', on_request=True)
+                    'a pair, also left and right', in_all=False)
 LABELS = Topic('ground_truth/labels', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
                frames.LEFT_OPTICAL_FRAME, 'mono16: what each pixel shows, see '
-               '`ground_truth/label_info`', on_request=True)
+               '`ground_truth/label_info`', in_all=False)
 CRATERS = Topic('ground_truth/craters', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
                 frames.LEFT_OPTICAL_FRAME, 'mono16: number of the youngest crater that the ground '
-                'lies in, 0 outside all', on_request=True)
+                'lies in, 0 outside all', in_all=False)
 SHADOW = Topic('ground_truth/shadow', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
                frames.LEFT_OPTICAL_FRAME, 'rgb8, over 255: share of the sun that is seen, '
-               'share that only the rover hides, how partly it is lit', on_request=True)
+               'share that only the rover hides, how partly it is lit', in_all=False)
 NORMALS = Topic('ground_truth/normals', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
                 frames.LEFT_OPTICAL_FRAME, '32FC3: unit normals of the surface, 0 for the sky',
-                on_request=True)
+                in_all=False)
 OPTICAL_FLOW = Topic('ground_truth/optical_flow', 'sensor_msgs/msg/Image', DEPTH_FRAME,
                      'render_node', frames.LEFT_OPTICAL_FRAME, '32FC2: from each pixel to its '
-                     'place in the frame of the message before [px]', on_request=True)
+                     'place in the frame of the message before [px]', in_all=False)
 SCENE_FLOW = Topic('ground_truth/scene_flow', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
                    frames.LEFT_OPTICAL_FRAME, '32FC3: the same from point to point [m], NaN for '
-                   'the sky', on_request=True)
+                   'the sky', in_all=False)
 OF_RIGHT = tuple(
     dataclasses.replace(left, name=left.name.replace('/', '/right/', 1), note=f'as {left.name}, '
                         'of the right camera', frame_id=frames.RIGHT_OPTICAL_FRAME,
-                        on_request=True)
+                        in_all=False)
     for left in (TRUE_DEPTH, LABELS, CRATERS, SHADOW, NORMALS))
 RIGHT_TRUE_DEPTH, RIGHT_LABELS, RIGHT_CRATERS, RIGHT_SHADOW, RIGHT_NORMALS = OF_RIGHT
 # Pictures of images of two or three floats, which viewers do not show.
 OF_COLOURS = tuple(
     Topic(f'{shown.name}/image_color', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
-          shown.frame_id, f'rgb8, for viewers: {shown.name}, {colours}', on_request=True)
+          shown.frame_id, f'rgb8, for viewers: {shown.name}, {colours}', in_all=False)
     for shown, colours in (
         (NORMALS, '127.5 (1 + n); black for the sky'),
         (RIGHT_NORMALS, '127.5 (1 + n); black for the sky'),
@@ -193,39 +193,39 @@ OF_COLOURS = tuple(
 NORMALS_COLOUR, RIGHT_NORMALS_COLOUR, FLOW_COLOUR, SCENE_FLOW_COLOUR = OF_COLOURS
 HAZARD_LABELS = Topic(f'ground_truth/hazard/{NAME}/labels', 'sensor_msgs/msg/Image', EVENT,
                       'render_node', f'hazard_{NAME}_optical_frame', 'as ground_truth/labels, of '
-                      'a hazard camera', on_request=True)
+                      'a hazard camera', in_all=False)
 HAZARD_CRATERS = Topic(f'ground_truth/hazard/{NAME}/craters', 'sensor_msgs/msg/Image', EVENT,
                        'render_node', f'hazard_{NAME}_optical_frame', 'as ground_truth/craters, '
-                       'of a hazard camera', on_request=True)
+                       'of a hazard camera', in_all=False)
 HAZARD_DEPTH = Topic(f'ground_truth/hazard/{NAME}/depth/image', 'sensor_msgs/msg/Image', EVENT,
                      'render_node', f'hazard_{NAME}_optical_frame', 'as ground_truth/depth/image, '
-                     'of a hazard camera; of a fisheye the distance from it', on_request=True)
+                     'of a hazard camera; of a fisheye the distance from it', in_all=False)
 OF_HAZARD = HAZARD_IMAGE, HAZARD_INFO, HAZARD_LABELS, HAZARD_CRATERS, HAZARD_DEPTH
 LABEL_INFO = Topic('ground_truth/label_info', 'std_msgs/msg/String', LATCHED, 'render_node', '',
                    'names of the labels, as JSON with the fields of vision_msgs/LabelInfo, and '
-                   'catalogues of rocks and craters', on_request=True)
+                   'catalogues of rocks and craters', in_all=False)
 BOXES = Topic('ground_truth/boxes', 'vision_msgs/msg/Detection2DArray', DEPTH_FRAME,
               'render_node', frames.LEFT_OPTICAL_FRAME, 'boxes of rocks and craters that show 10 '
-              'pixels or more, where vision_msgs is installed', on_request=True)
+              'pixels or more, where vision_msgs is installed', in_all=False)
 MISCALIBRATION = Topic('ground_truth/miscalibration', 'std_msgs/msg/String', LATCHED,
                        'render_node', '', 'how the right camera differs from its CameraInfo, '
                        'as JSON, where miscalibration is set')
 LABEL_CLASSES = Topic('ground_truth/label_classes', 'vision_msgs/msg/LabelInfo', LATCHED,
                       'render_node', frames.LEFT_OPTICAL_FRAME, 'names of the labels, where '
-                      'vision_msgs is installed', on_request=True)
+                      'vision_msgs is installed', in_all=False)
 VISION_INFO = Topic('ground_truth/vision_info', 'vision_msgs/msg/VisionInfo', LATCHED,
                     'render_node', frames.LEFT_OPTICAL_FRAME, 'how labels and boxes are made, and '
-                    'the hash of the world, where vision_msgs is installed', on_request=True)
+                    'the hash of the world, where vision_msgs is installed', in_all=False)
 LIDAR_POINTS = Topic('lidar/points', 'sensor_msgs/msg/PointCloud2', EVENT, 'lidar_node',
                      frames.LIDAR_FRAME, 'x, y, z [m], intensity [%], ring, time [s] as drivers '
                      'of Velodyne name them; each point as the sensor sees it at its time. The '
-                     'stamp is the start of the scan', on_request=True)
+                     'stamp is the start of the scan', in_all=False)
 LIDAR_DESKEWED = Topic('lidar/points_deskewed', 'sensor_msgs/msg/PointCloud2', EVENT,
                        'lidar_node', frames.LIDAR_FRAME, 'the same points in the frame of the '
-                       'start of the scan, by the true motion', on_request=True)
+                       'start of the scan, by the true motion', in_all=False)
 LIDAR_SCAN = Topic('lidar/scan', 'sensor_msgs/msg/LaserScan', EVENT, 'lidar_node',
                    frames.LIDAR_FRAME, 'one ring of it, inf where nothing returns',
-                   on_request=True)
+                   in_all=False)
 OF_LIDAR = LIDAR_POINTS, LIDAR_DESKEWED, LIDAR_SCAN
 LIDAR_SCANNED = Topic('lidar/scanned', 'std_msgs/msg/Header', SCAN, 'lidar_node', '',
                       'stamp by whose time all scans that had ended are published, for those who '
@@ -249,7 +249,7 @@ DIAGNOSTICS = Topic('diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', EVENT,
                     '', 'once per second of wall time, by render_node, recorder_node, slam_node '
                     'and pose_bridge_node too; the name is absolute, /diagnostics, as '
                     'diagnostic_updater has it',
-                    on_request=True)
+                    in_all=False)
 SLAM_POSE = Topic('slam/pose', 'geometry_msgs/msg/PoseStamped', EVENT, 'slam_node', '',
                   'of the left camera in the map of the program, for every tracked frame')
 SLAM_STATUS = Topic('slam/status', 'diagnostic_msgs/msg/DiagnosticArray', FRAME, 'slam_node', '',
@@ -263,7 +263,7 @@ ELEVATION = Topic('map/elevation', 'sensor_msgs/msg/PointCloud2', EVENT, 'mappin
                   'every mapping_node.elevation_period_s')
 GRID_MAP = Topic('map/grid_map', 'grid_map_msgs/msg/GridMap', EVENT, 'mapping_node',
                  frames.ODOM_FRAME, 'elevation, variance, traversability, beside map/elevation, '
-                 'where grid_map_msgs is installed', on_request=True)
+                 'where grid_map_msgs is installed', in_all=False)
 PLAN = Topic('plan', 'nav_msgs/msg/Path', EVENT, 'navigator_node', frames.ODOM_FRAME,
              'what the navigator follows; sent when it changes, empty without a plan')
 GOAL = Topic('goal', 'geometry_msgs/msg/PoseStamped', EVENT, 'navigator_node', frames.ODOM_FRAME,
@@ -275,12 +275,12 @@ NAVIGATED = Topic('navigator/finished', 'std_msgs/msg/Header', EVENT, 'navigator
                   'stamp at which a run ends, since the navigator has arrived or given up')
 TELEPORT = Topic('teleport', 'geometry_msgs/msg/PoseStamped', EVENT, 'pose_bridge_node', '',
                  'base_link in the world of the other simulator; the frame is what that wants',
-                 on_request=True)
+                 in_all=False)
 BRIDGED_JOINTS = Topic('pose_bridge/joint_states', 'sensor_msgs/msg/JointState', EVENT,
                        'pose_bridge_node', '', 'joint_states of the states that are sent, with '
-                       'their stamps', on_request=True)
+                       'their stamps', in_all=False)
 SHOWN = Topic('pose_bridge/shown', 'std_msgs/msg/Header', EVENT, 'pose_bridge_node', '',
-              'stamp of the newest state that the other simulator has taken', on_request=True)
+              'stamp of the newest state that the other simulator has taken', in_all=False)
 
 CONTRACT: tuple[Topic, ...] = (
     CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, CONTACT, GROUND_CHANGES,

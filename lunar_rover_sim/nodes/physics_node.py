@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
@@ -9,7 +11,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.base import topics
-from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.errors import ConfigError, GraphError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
@@ -25,7 +27,7 @@ from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
-from lunar_rover_sim.run.publication import unpublished
+from lunar_rover_sim.run.publication import MAY_BE_MISSING, unpublished
 from lunar_rover_sim.sensors.imu import Imu, ImuNoise
 from lunar_rover_sim.sensors.registry import mounted
 from lunar_rover_sim.sensors.sensor import Platform
@@ -54,8 +56,9 @@ class PhysicsNode(node_main.GraphNode):
         changes = [] if self._ground is None else [self._ground.changes]
         self._platform = platform = Platform(self._simulation, world, config.sun, config.seed,
                                              1e-9 * config.state_period_ns)
-        self._requested = RequestedSensors(self, mounted(config, platform), unpublished(
-            config.separate_truth, config.publish_clock, config.ground.deforms))
+        self._unpublished = unpublished(config.separate_truth, config.publish_clock,
+                                        config.ground.deforms)
+        self._requested = RequestedSensors(self, mounted(config, platform), self._unpublished)
         self._matching = ReaderDiscovery(
             self, [*self._publisher.publishers, *self._requested.publishers, *changes],
             tuple(dict.fromkeys([*config.wait.topics, *config.participants])))
@@ -95,9 +98,21 @@ class PhysicsNode(node_main.GraphNode):
             self.create_timer(config.state_period_ns / 1e9 / config.real_time_factor,
                               self._advance_by_wall_clock)
         self.create_timer(0.5, self._watch)
+        self._check_publishers(rover.legs.names)
         on_change(self, config, self._configure)
         self.report_ready(config, f'world {world.hash[:12]}', config.wait.topics,
                           config.without_effect())
+
+    def _check_publishers(self, legs: Sequence[str]) -> None:
+        """Raise GraphError for a topic of the contract that would be silent."""
+        silent = {topic.name for topic in (*MAY_BE_MISSING, *self._unpublished)}
+        published = {publisher.topic_name for publisher in self.publishers}
+        for topic in topics.of_legs(topics.CONTRACT, legs):
+            if (topic.node == 'physics_node' and topic.name not in silent
+                    and self.resolve_topic_name(topic.graph_name) not in published):
+                raise GraphError(f'{topic.name}: a row of physics_node in CONTRACT of '
+                                 'base/topics.py that nobody publishes; is its sensor in SENSORS '
+                                 'of sensors/registry.py?')
 
     def _configure(self, config: PhysicsNodeConfig) -> None:
         """Use changed live parameters: the sun that sensors see."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+import functools
 import math
 from typing import Any
 
@@ -12,11 +13,13 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import BatteryState
 
 from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import GraphError
 from lunar_rover_sim.base.frames import wxyz_from_matrix
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.sensors.sensor import Attitude, JointValues, Sensor, Supply, Vector
+from lunar_rover_sim.sensors.wheel_odometry import WheelOdometry
 
 _UNKNOWN = 'temperature', 'charge', 'capacity', 'design_capacity', 'percentage'
 _EXACT_RAD2 = 1e-14     # added, since zeros would say that the covariance is unknown
@@ -42,6 +45,7 @@ class RequestedSensors:
                                                     qos.offered(topic)))
                       for topic in sensor.offered if topic not in silent])
             for sensor in sensors]
+        self._names = {sensor: {topic.name for topic in sensor.offered} for sensor in sensors}
         self._unread: set[Sensor] = set()
         self.publishers = [publisher for _, offered in self._sensors for _, publisher in offered]
 
@@ -58,6 +62,9 @@ class RequestedSensors:
             if not sensor.is_due(stamp_ns):
                 continue
             measured = sensor.measure(state, stamp_ns)
+            if not measured.keys() <= self._names[sensor]:
+                raise GraphError(f'sensor {sensor.name}: measures {", ".join(measured)}; it '
+                                 f'publishes {", ".join(sorted(self._names[sensor]))}')
             for topic, publisher in read:
                 if topic.name in measured:
                     publisher.publish(_message(topic, measured[topic.name], stamp_ns))
@@ -72,7 +79,12 @@ def _message(topic: topics.Topic, measured: Any, stamp_ns: int) -> Any:
     message = message_class(topic.type)()
     message.header.stamp = conversions.time_msg(stamp_ns)
     message.header.frame_id = topic.frame_id
-    _FILLERS[topic.type](message, measured)
+    if isinstance(measured, Mapping):
+        for name, value in measured.items():
+            *parents, field = name.split('.')
+            setattr(functools.reduce(getattr, parents, message), field, value)
+    else:
+        _FILLERS[type(measured)](message, measured)
     return message
 
 
@@ -104,10 +116,6 @@ def _fill_supply(message: BatteryState, measured: Supply) -> None:
         message.power_supply_status = BatteryState.POWER_SUPPLY_STATUS_CHARGING
 
 
-_FILLERS: dict[str, Callable[[Any, Any], None]] = {
-    'geometry_msgs/msg/Vector3Stamped': _fill_vector,
-    'sensor_msgs/msg/Imu': _fill_attitude,
-    'sensor_msgs/msg/JointState': _fill_joints,
-    'sensor_msgs/msg/BatteryState': _fill_supply,
-    'nav_msgs/msg/Odometry': conversions.fill_wheel_odometry,
-}
+_FILLERS: dict[type, Callable[[Any, Any], None]] = {
+    Vector: _fill_vector, Attitude: _fill_attitude, JointValues: _fill_joints,
+    Supply: _fill_supply, WheelOdometry: conversions.fill_wheel_odometry}

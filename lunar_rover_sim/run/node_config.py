@@ -47,7 +47,7 @@ class RecorderConfig(Parameters):
 FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'render_node'
                      and t.rate in (topics.FRAME, topics.DEPTH_FRAME)
                      and t not in topics.OF_VISION)
-LIDAR_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'lidar_node' and t.on_request)
+LIDAR_TOPICS = tuple(t.name for t in topics.OF_LIDAR)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -34,7 +34,7 @@ def is_recorded(topic: Topic, listed: Collection[str], excluded: Collection[str]
     """
     if topic.name in listed:
         return True
-    return (ALL in listed and topic.name not in excluded and not topic.on_request
+    return (ALL in listed and topic.name not in excluded and topic.in_all
             and topic is not topics.RECORDED)
 
 
@@ -136,8 +136,8 @@ def _why_silent(scenario: Scenario, name: str) -> str:
     topic = by_name.get(name) if found is None else found[0]
     if topic is None:
         return _nearest_name(name, by_name)
-    # What is not on request may come from a program of the user instead.
-    if (topic.on_request and topic.node in _RENDERED_OR_SCANNED
+    # What `all` records may come from a program of the user instead.
+    if (not topic.in_all and topic.node in _RENDERED_OR_SCANNED
             and topic.node not in scenario.run.nodes):
         return f'run.nodes lacks {topic.node}'
     render, ground = scenario.render_node, scenario.physics_node.ground

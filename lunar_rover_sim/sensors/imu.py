@@ -240,12 +240,13 @@ def _axes(scale_error: tuple[float, ...], misalignment_deg: tuple[float, ...]) -
 
 
 class Imu(Sensor):
-    """The IMU. It is part of every state, so `nodes.state_publisher` measures by ImuNoise."""
+    """The IMU; `nodes.state_publisher` measures by ImuNoise."""
 
     name = 'imu'
     parameters = ImuConfig
     published = (topics.IMU_RAW,)
     content = Content('imu', 'inertial data')
+    in_state = True
     stream = 1
 
     @classmethod

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 
 from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.parameters import group, param, Parameters
 from lunar_rover_sim.base.topics import Topic
 from lunar_rover_sim.sensors.feet import FootSlip, Sinkage
@@ -54,10 +55,33 @@ class SensorsConfig(Parameters):
     solar_panel: SolarPanelConfig = group(SolarPanelConfig)
 
 
+def _check() -> None:
+    """Raise ConfigError unless sensors, topics and parameters belong together.
+
+    What stood in one place only would vanish in silence.
+    """
+    named = {field.name for field in dataclasses.fields(SensorsConfig)} - {'odometry'}
+    for sensor in SENSORS:
+        for topic in sensor.published:
+            if topic not in topics.CONTRACT or topic.node != 'physics_node':
+                raise ConfigError(f'sensor {sensor.name}: topic {topic.name} is no row of '
+                                  'physics_node in CONTRACT of base/topics.py')
+        if (sensor.parameters is not None) != (sensor.name in named):
+            raise ConfigError(f'sensor {sensor.name}: its parameters are in only one of its class '
+                              'and SensorsConfig')
+    unknown = named - {sensor.name for sensor in SENSORS}
+    if unknown:
+        raise ConfigError(f'SensorsConfig: {", ".join(sorted(unknown))}: no such sensor in '
+                          'SENSORS')
+
+
+_check()
+
+
 def mounted(config: SensorsConfig, platform: Platform) -> list[Sensor]:
     """Return the sensors that are measured while somebody reads them, in the order of SENSORS."""
     return [sensor(getattr(config, sensor.name, None), platform) for sensor in SENSORS
-            if all(topic.on_request for topic in sensor.published)]
+            if not sensor.in_state]
 
 
 def sensor_of(topic: str) -> type[Sensor] | None:

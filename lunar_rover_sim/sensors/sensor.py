@@ -90,7 +90,7 @@ class Platform:
         return SunFromRover(self.simulation, self.world, self.sun_config)
 
 
-# What sensors measure, one kind for each type of message.
+# What sensors measure. Other messages are given by the values of their fields, by dotted names.
 
 @dataclasses.dataclass(frozen=True)
 class Vector:
@@ -150,6 +150,8 @@ class Sensor:
         content: What a data card calls it; None: its name.
         groups_as: Name in exports under which each topic stands by the last part of its name;
             '': a sensor of one topic, which stands under `name`.
+        in_state: Whether it is part of every state, which `nodes.state_publisher` measures and
+            publishes, read or not. The others are measured while somebody reads them.
         stream: Number of its stream of random numbers; 0 where it draws none. It never changes,
             so that recordings can be repeated.
     """
@@ -159,6 +161,7 @@ class Sensor:
     published: ClassVar[tuple[Topic, ...]]
     content: ClassVar[Content | None] = None
     groups_as: ClassVar[str] = ''
+    in_state: ClassVar[bool] = False
     stream: ClassVar[int] = 0
 
     def __init__(self, config: Any, platform: Platform) -> None:
@@ -186,9 +189,10 @@ class Sensor:
         return rate_hz is None or stamp_ns % (NS_PER_S // rate_hz) == 0
 
     def measure(self, state: RoverState, stamp_ns: int) -> Mapping[str, Any]:
-        """Return what is measured now: topic name → Vector, Attitude, JointValues or Supply.
+        """Return what is measured now, by the name of its topic.
 
-        A topic of which nothing can be measured is left out.
+        It is a Vector, Attitude, JointValues or Supply, or a mapping of fields of the message,
+        such as `temperature`, to values. A topic of which nothing can be measured is left out.
 
         Args:
             stamp_ns: Time for which it holds [ns].

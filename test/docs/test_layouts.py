@@ -62,18 +62,6 @@ NOT_SHOWN = {
     'teleport': 'a request to another simulator',
     'pose_bridge/joint_states': 'joint_states, for another simulator'}
 NOT_IN_FOXGLOVE = {**NOT_SHOWN, **dict.fromkeys(COLOURS, 'a script makes them of the floats')}
-# Types that RViz 2 with the displays it comes with shows badly or not at all.
-NOT_IN_RVIZ_TYPES = {
-    'sensor_msgs/msg/JointState': 'numbers over time; the model of the rover shows the angles',
-    'sensor_msgs/msg/BatteryState': 'numbers over time',
-    'sensor_msgs/msg/Imu': 'its display is in another package',
-    'geometry_msgs/msg/AccelStamped': 'a bias: numbers over time',
-    'geometry_msgs/msg/Vector3Stamped': 'no display',
-    'sensor_msgs/msg/CameraInfo': 'the display of images reads none',
-    'diagnostic_msgs/msg/DiagnosticArray': 'rqt_robot_monitor shows it'}
-NOT_IN_RVIZ = {**NOT_SHOWN, **dict.fromkeys(FLOATS, 'their colours are shown'),
-               **{name: NOT_IN_RVIZ_TYPES[topic.type] for name, topic in NAMES.items()
-                  if topic.type in NOT_IN_RVIZ_TYPES}}
 STORE = get_typestore(Stores.ROS2_JAZZY)
 # Properties of the displays of RViz 2 (rviz_default_plugins, those that may be of use here).
 CLOUD = {'Topic', 'Selectable', 'Style', 'Size (m)', 'Size (Pixels)', 'Alpha', 'Decay Time',
@@ -126,15 +114,6 @@ def test_rviz(displays: dict[str, dict[str, Any]]) -> None:
         assert display['Class'] == f'rviz_default_plugins/{SHOWN[topic.type]}'
         durability = display['Topic']['Durability Policy']
         assert (durability == 'Transient Local') == (topic.rate == topics.LATCHED), name
-
-
-def test_every_topic_is_in_rviz(displays: dict[str, dict[str, Any]]) -> None:
-    layout = yaml.safe_load((CONFIG / 'rviz/lunar_rover.rviz').read_text())
-    shown = {*displays, *(display['Description Topic']['Value']
-                          for display in layout['Visualization Manager']['Displays']
-                          if 'Description Topic' in display)}
-    assert shown.isdisjoint(NOT_IN_RVIZ)
-    assert shown | set(NOT_IN_RVIZ) == set(NAMES)
 
 
 def test_every_topic_is_in_foxglove(panels: dict[str, dict[str, Any]]) -> None:

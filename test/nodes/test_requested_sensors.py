@@ -52,15 +52,6 @@ def simulation() -> Iterator[Simulation]:
         yield made
 
 
-def test_a_topic_is_offered_for_each_request_but_where_the_ground_is_rigid(
-        simulation: Simulation) -> None:
-    sensors = of(Reader(), simulation, PhysicsNodeConfig())
-    on_request = [topic for topic in topics.of_legs(topics.CONTRACT, Legs().names)
-                  if topic.node == 'physics_node' and topic.on_request
-                  and topic not in (*topics.OF_SOFT_GROUND, topics.DIAGNOSTICS)]
-    assert len(sensors.publishers) == len(on_request)
-
-
 def test_power_is_made_for_readers(state: RoverState, simulation: Simulation) -> None:
     """By the definition of BatteryState what is drawn is negative."""
     node = Reader('nothing')

@@ -68,11 +68,10 @@ def test_a_misspelt_exclusion_is_named() -> None:
         'imu/data_row: no topic of this package; did you mean imu/data_raw?']
 
 
-def test_all_leaves_out_what_is_made_on_request_and_the_recorders_own_progress() -> None:
+def test_all_leaves_out_what_is_named_beside_it_and_the_recorders_own_progress() -> None:
     """A name that is listed is recorded in any case."""
     for topic in topics.CONTRACT:
-        assert is_recorded(topic, ['all']) == (not topic.on_request
-                                               and topic is not topics.RECORDED)
+        assert is_recorded(topic, ['all']) == (topic.in_all and topic is not topics.RECORDED)
         assert is_recorded(topic, [topic.name], [topic.name])
         assert not is_recorded(topic, ['all'], [topic.name])
         assert not is_recorded(topic, [])

@@ -19,6 +19,7 @@ from lunar_rover_sim.products.inspection.bag_scan import TopicScan
 from lunar_rover_sim.products.inspection.report import CheckReport, grouped, Status
 from lunar_rover_sim.products.inspection.rover_data import DEPTH_SET, IMAGE_SET, RoverData
 from lunar_rover_sim.run.publication import is_recorded, MAY_BE_MISSING, unpublished
+from lunar_rover_sim.sensors.registry import sensor_of
 
 # Velocity commands come at the pace of their publisher; recordings of earlier versions lack the
 # CameraInfo of the depth image and the exposure; slam_node, lidar_node and mapping_node take part
@@ -38,8 +39,12 @@ def contract_topics(rover: RoverData, report: CheckReport) -> None:
     silent = _unpublished(rover)
     missing = []
     for topic in topics.of_legs(topics.CONTRACT, rover.scenario.legs):
-        if topic.rate == EVENT or topic.name in OPTIONAL or topic in silent:
+        sensor = sensor_of(topic.name)
+        if topic.name in OPTIONAL or topic in silent or (topic.rate == EVENT and sensor is None):
             continue
+        if (sensor is not None and not sensor.in_state and sensor.parameters is not None
+                and rover.scenario.get('physics_node', sensor.name) is None):
+            continue    # a recording of before there was this sensor
         if not is_recorded(topic, _names(rover, listed), excluded):
             continue
         if isinstance(nodes, list) and topic.node not in nodes:
