@@ -178,7 +178,7 @@ def test_an_export_that_has_no_place_for_it_names_it(source: Path, episode: Path
 
 def test_it_is_drawn(source: Path, episode: Path, tmp_path: Path) -> None:
     run(source, 'bag', 'preview', episode / 'bag', '-o', tmp_path / 'out')
-    assert (tmp_path / 'out' / 'heading_and_power.png').is_file()
+    assert (tmp_path / 'out' / 'sensors.png').is_file()
 
 
 def test_each_has_its_own_name_topics_and_stream() -> None:

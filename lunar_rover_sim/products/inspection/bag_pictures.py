@@ -23,8 +23,8 @@ from lunar_rover_sim.base.errors import BagError
 from lunar_rover_sim.base.files.results import save_figure
 from lunar_rover_sim.image.camera.encoding import eight_bits
 from lunar_rover_sim.image.rendering import layer_pictures
-from lunar_rover_sim.products.inspection.heading_pictures import heading_figure
 from lunar_rover_sim.products.inspection.map_pictures import map_figure
+from lunar_rover_sim.products.inspection.sensor_pictures import sensor_figure
 from lunar_rover_sim.run.recorded_run import RecordedRun
 
 _OF_LEFT = (topics.LABELS, topics.CRATERS, topics.SHADOW, topics.NORMALS, topics.OPTICAL_FLOW,
@@ -199,9 +199,9 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
     stereo_<n>.png left and right image side by side, disparity and true depth below them;
     truth.png and truth_right.png labels, craters, shadow, normals, flow; hazard_<name>.png image
     and truth of each hazard camera; chase.png; lidar.png; exposure.png where exposure times
-    change; heading_and_power.png sun sensor, star tracker and wheel odometry against the truth,
-    motor currents and power; trajectory.png over the hillshade of the world, where its folder is
-    found (`world` names it); attitude.png and imu.png over time; map.png maps with plan and goal.
+    change; sensors.png the numbers of other sensors over time; trajectory.png over
+    the hillshade of the world, where its folder is found (`world` names it); attitude.png and
+    imu.png over time; map.png maps with plan and goal.
     Pictures of topics that the bag does not hold are left out.
 
     Raises:
@@ -228,7 +228,7 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
         chase_figure(bag, save)
         lidar_figure(bag, save)
         _exposure(bag, save)
-        heading_figure(bag, save)
+        sensor_figure(bag, save)
         if bag.has(bag.truth):
             odometry = series.read_odometry(bag)
             if len(odometry.stamps_ns):
@@ -238,8 +238,8 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
         if bag.has(topics.IMU_RAW.name):
             _imu(bag, save)
     if not paths:
-        raise BagError(f'{path}: holds no images, odometry, IMU, LiDAR, heading or power; there '
-                       'is nothing to preview')
+        raise BagError(f'{path}: holds no images, odometry, IMU, LiDAR or sensors; there is '
+                       'nothing to preview')
     return paths
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 import dataclasses
 from typing import Any
 
-import cv2
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 import numpy as np
@@ -103,26 +102,3 @@ def map_figure(bag: Bag, odometry: Odometry, save: Callable[[Figure, str], None]
         axes.set_title(f'{stamp * 1e-9:.1f} s; dark: unknown, red: not to be crossed', fontsize=9)
         axes.legend(loc='upper right', fontsize=8)
     save(figure, 'map.png')
-
-
-def map_picture(shown: MapMessage, size_px: int, position_m: Array, heading_rad: float,
-                plan_m: Array, goal_m: Array | None) -> NDArray[np.uint8]:
-    """Return a square RGB picture of a map, north up, with the rover, its plan and its goal."""
-    picture = cv2.resize(np.ascontiguousarray(shown.colours()[::-1]), (size_px, size_px),
-                         interpolation=cv2.INTER_NEAREST)
-    low_x, high_x, _, high_y = shown.extent_m
-    scale = size_px / (high_x - low_x)
-
-    def pixel(xy: Array) -> tuple[int, int]:
-        return int(round((xy[0] - low_x) * scale)), int(round((high_y - xy[1]) * scale))
-
-    width = max(1, size_px // 150)
-    if len(plan_m) > 1:
-        cv2.polylines(picture, [np.array([pixel(p) for p in plan_m], np.int32)], False,
-                      (255, 160, 40), width, cv2.LINE_AA)
-    if goal_m is not None:
-        cv2.drawMarker(picture, pixel(goal_m), (0, 255, 255), cv2.MARKER_STAR, 8 * width, width)
-    ahead = position_m[:2] + 0.35 * np.array([np.cos(heading_rad), np.sin(heading_rad)])
-    cv2.arrowedLine(picture, pixel(position_m), pixel(ahead), (255, 255, 255), width,
-                    cv2.LINE_AA, tipLength=0.4)
-    return np.asarray(picture, np.uint8)

@@ -19,10 +19,8 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import BagError, ConfigError
 from lunar_rover_sim.base.files.film_file import U8, write_film
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.world_folder import save_world
-from lunar_rover_sim.products.inspection.film import Film, FilmOptions, read_drive
-from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.products.inspection.film import Film, FilmOptions
 from lunar_rover_sim.run.scenario import Scenario
 
 
@@ -56,23 +54,24 @@ def header_ns(item: synthetic.Item) -> int:
 
 
 def test_frames(recorded: Recorded) -> None:
-    """One frame a period: the view from outside, the recorded image, its disparity, plots."""
+    """One frame a period: the view from outside, the recorded image in its corner."""
     film = Film(recorded.bag, FilmOptions(width=320, rate_hz=5.0, start_s=0.1), recorded.world)
     assert film.times_ns.tolist() == [10**8, 3 * 10**8, 5 * 10**8]
     frames = list(film.frames())
     assert len(frames) == 3
     for frame in frames:
-        assert frame.shape == (240, 320, 3) and frame.dtype == np.uint8
-        assert frame[:180].std() > 5.0                  # outside
-        assert frame[180:, 160:].std() > 5.0            # plots
+        assert frame.shape == (180, 320, 3) and frame.dtype == np.uint8
+        assert frame[60:, 80:].std() > 5.0
     with open_bag(recorded.bag) as bag:
         shown = [message for _, _, message in bag.messages([topics.LEFT_IMAGE.name])][4]
     pixels = np.frombuffer(bytes(shown.data), np.uint8).reshape(shown.height, shown.width)
     small = cv2.resize(pixels, (80, 60), interpolation=cv2.INTER_AREA).astype(float)
-    inset = frames[-1][180:, :80, 0].astype(float)
-    assert np.median(np.abs(inset - small)) < 1.0       # but for its caption
-    # The cursor of the plots moves on.
-    assert not np.array_equal(frames[0][180:, 160:], frames[2][180:, 160:])
+    inset = frames[-1][:60, :80, 0].astype(float)
+    assert np.median(np.abs(inset - small)) < 1.0
+    *_, bare = Film(recorded.bag, FilmOptions(width=320, rate_hz=5.0, start_s=0.1, bare=True),
+                    recorded.world).frames()
+    assert np.array_equal(bare[61:, 81:], frames[-1][61:, 81:])
+    assert not np.array_equal(bare[:60, :80], frames[-1][:60, :80])
 
 
 def test_files(recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -189,20 +188,3 @@ def test_wall_time_in_the_bag(recorded: Recorded, tmp_path: Path) -> None:
     assert film.times_ns.tolist() == [0, 2 * 10**8, 4 * 10**8]
     with pytest.raises(ConfigError, match=r'--end: 9 s is not valid; the bag holds 0 to 0\.5 s'):
         Film(tmp_path / 'bag', FilmOptions(end_s=9.0), recorded.world)
-
-
-def test_slip(recorded: Recorded) -> None:
-    """Feet that sweep while the rover stands slip wholly; those of a rolling rover do not."""
-    rover, ground = RoverDescription(), HeightGrid(np.zeros((81, 81), np.float32), 0.025)
-    with open_bag(recorded.bag) as bag:
-        drive = read_drive(bag, rover.legs)
-    n, height = len(drive.stamps_ns), rover.legs.spoke_length_m
-    turning, forces = np.full((n, 4), 1.0), np.tile([0.0, 0.0, 5.0], (n, 4, 1))
-    poses = np.zeros((n, 13))
-    axle = float(np.asarray(rover.legs.axle_positions_m())[0, 2])
-    poses[:, 2:4] = height - axle, 1.0
-    for speed, expected in ((0.0, 1.0), (height, 0.0), (0.5 * height, 0.5)):
-        poses[:, 7] = speed
-        made = drive._replace(poses=poses, angles=np.zeros((n, 4)), velocities=turning,
-                              forces_n=forces)
-        assert made.slip(rover, ground, 1.62)[1][-1] == pytest.approx(expected, abs=0.02)
