@@ -56,14 +56,15 @@ def _print(result: ImageComparison) -> None:
     for name, one in (('A', result.first), ('B', result.second)):
         say(f'{name}: {one.images.path} ({one.images.layout}, {len(one.values)} of '
             f'{one.images.total})')
-    say(f'compared at a width of {result.width_px} px, 95 % intervals')
+    say(f'compared at a width of {result.width_px} px, 95 % intervals; q is p corrected '
+        'for the number of rows')
     rows = [(Text(row.name), _value(row.first), _value(row.second), _value(row.difference),
-             _p(row.difference.p), f'{row.first.n}, {row.second.n}')
-            for row in result.rows if row.first.n or row.second.n]
+             _p(row.difference.p), _p(q), f'{row.first.n}, {row.second.n}')
+            for row, q in zip(result.rows, result.q) if row.first.n or row.second.n]
     distance = result.distance
     rows.append((Text(DISTANCE), '', '', _value(distance), _p(distance.p),
-                 f'{len(result.first.values)}, {len(result.second.values)}'))
-    print_table(('', 'A', 'B', 'B - A', 'p', 'n'), 1, rows, box=None, pad_edge=False)
+                 _p(result.q[-1]), f'{len(result.first.values)}, {len(result.second.values)}'))
+    print_table(('', 'A', 'B', 'B - A', 'p', 'q', 'n'), 1, rows, box=None, pad_edge=False)
     if result.chance == result.chance:
         say(f'{DISTANCE}: Wasserstein, in decades; images shuffled between the sets '
             f'reach {result.chance:.3g}')

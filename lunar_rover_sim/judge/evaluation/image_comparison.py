@@ -69,8 +69,14 @@ class ImageComparison:
     distance: Difference
     chance: float
 
+    @property
+    def q(self) -> Array:
+        """p of each row and, last, of the distance, corrected for the number of tests."""
+        return statistics.adjusted([*(row.difference.p for row in self.rows), self.distance.p])
+
     def to_mapping(self) -> dict[str, Any]:
         """Return all numbers as plain values; None for what is not known."""
+        *q, q_distance = self.q
         def described(one: SetStatistics) -> dict[str, Any]:
             return {'path': str(one.images.path), 'layout': one.images.layout,
                     'images': one.images.total, 'sampled': len(one.values)}
@@ -80,9 +86,10 @@ class ImageComparison:
             'interval': '95 %, block bootstrap',
             'measures': {row.name: {'meaning': MEASURES[row.name], 'a': row.first._asdict(),
                                     'b': row.second._asdict(),
-                                    'b_minus_a': row.difference._asdict()} for row in self.rows},
+                                    'b_minus_a': {**row.difference._asdict(), 'q': one}}
+                         for row, one in zip(self.rows, q)},
             DISTANCE: {'meaning': 'Wasserstein distance of the histograms of log10 of the '
-                       'gradient [decades]', **self.distance._asdict(),
+                       'gradient [decades]', **self.distance._asdict(), 'q': q_distance,
                        'shuffled_95': self.chance}})
 
 

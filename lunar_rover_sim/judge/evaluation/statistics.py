@@ -12,7 +12,7 @@ are spread a little, because few blocks scatter less than their population.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 import dataclasses
 import itertools
 from typing import NamedTuple
@@ -25,7 +25,7 @@ from lunar_rover_sim.base.frames import Array
 
 CONFIDENCE = 0.95
 LEAST = 3               # values; fewer have no interval
-_MEDIAN_RESAMPLES, _MEAN_RESAMPLES = 4000, 10_000
+_MEDIAN_RESAMPLES = 4000
 _EXACT_PAIRS = 14       # up to here all signs are tried, beyond a sample of them
 _SEED = 19
 
@@ -57,53 +57,54 @@ class Median(Estimate):
     """
 
     @classmethod
-    def of(cls, values: Iterable[float], confidence: float = CONFIDENCE) -> Median:
-        """Return the median of the finite values, with an interval of 95 % or another."""
+    def of(cls, values: Iterable[float]) -> Median:
+        """Return the median of the finite values."""
         known = np.array([v for v in values if np.isfinite(v)])
         nan = float('nan')
         if not len(known):
             return cls(nan, nan, nan, 0)
         low = high = nan
         if len(known) >= LEAST:
-            low, high = _interval(known, np.median, _MEDIAN_RESAMPLES, _SEED, confidence)
-        return cls(float(np.median(known)), low, high, len(known))
+            chosen = np.random.default_rng(_SEED).integers(
+                0, len(known), (_MEDIAN_RESAMPLES, len(known)))
+            low, high = np.quantile(np.median(known[chosen], axis=1),
+                                    (0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE))
+        return cls(float(np.median(known)), float(low), float(high), len(known))
 
 
 class Mean(Estimate):
-    """The mean of `count` values and its 95 % interval, of percentiles of the bootstrap.
+    """The mean of `count` values and its 95 % interval, Student's (Biometrika 6, 1908).
 
-    NaN for no values.
+    It covers 95 % of normal values of any number; of five exponential ones 88 %, where percentiles
+    of the bootstrap cover 77 % and BCa 79 %. It is NaN for fewer than three values.
     """
 
     @classmethod
     def of(cls, values: Array) -> Mean:
         """Return the mean of (n,) values, NaN left out."""
         known = values[~np.isnan(values)]
-        if not len(known):
-            return cls(float('nan'), float('nan'), float('nan'), 0)
-        return cls(float(known.mean()), *_interval(known, np.mean, _MEAN_RESAMPLES, 1),
-                   len(known))
+        n, nan = len(known), float('nan')
+        if n < LEAST:
+            return cls(float(known.mean()) if n else nan, nan, nan, n)
+        mean = float(known.mean())
+        half = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, n - 1) * stats.sem(known))
+        return cls(mean, mean - half, mean + half, n)
 
 
-@dataclasses.dataclass(frozen=True)
-class Share:
-    """A share of all drives, 0 to 1, and its 95 % interval.
+class Share(Estimate):
+    """A share of `count` drives, 0 to 1, and its 95 % interval.
 
     The interval is Wilson's (Journal of the American Statistical Association 22, 1927): it stays
     within 0 and 1, and has a width where none or all of a few succeed. NaN without any drive.
     """
 
-    value: float
-    low: float
-    high: float
-
     @classmethod
     def of(cls, successes: int, drives: int) -> Share:
         """Return the share of `successes` among `drives`."""
         if not drives:
-            return cls(float('nan'), float('nan'), float('nan'))
+            return cls(float('nan'), float('nan'), float('nan'), 0)
         interval = stats.binomtest(successes, drives).proportion_ci(CONFIDENCE, 'wilson')
-        return cls(successes / drives, float(interval.low), float(interval.high))
+        return cls(successes / drives, float(interval.low), float(interval.high), drives)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -171,13 +172,17 @@ def signed_rank_p(differences: Array) -> float:
     return float(stats.wilcoxon(differences).pvalue) if np.any(differences) else 1.0
 
 
-def _interval(values: Array, statistic: Callable[..., Array], resamples: int, seed: int,
-              confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return the percentiles of a statistic of resampled values."""
-    chosen = np.random.default_rng(seed).integers(0, len(values), (resamples, len(values)))
-    low, high = np.quantile(statistic(values[chosen], axis=1),
-                            (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence))
-    return float(low), float(high)
+def adjusted(p: ArrayLike) -> Array:
+    """Return the q value of each of the tests of one table, (n,) p values; NaN is no test.
+
+    q is the least share of false ones among the differences that are called shown, if this one is
+    called so (Benjamini and Hochberg, Journal of the Royal Statistical Society B 57, 1995).
+    """
+    values = np.array(p, float)
+    tested = ~np.isnan(values)
+    if tested.any():
+        values[tested] = stats.false_discovery_control(values[tested])
+    return values
 
 
 def _signs(count: int) -> Array:

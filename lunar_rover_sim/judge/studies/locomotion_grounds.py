@@ -30,7 +30,7 @@ QUANTITIES = (
     Quantity('electric cost of transport', lambda w: w.transport, 2),
     Quantity('electric power [W]', lambda w: w.power_w, 3),
     Quantity('pitch RMS [°]', lambda w: w.pitch_rms_deg, 2),
-    Quantity('stops', lambda w: float(w.outcome != WALKED), 2))
+    Quantity('share that stops', lambda w: float(w.outcome != WALKED), 2, share=True))
 
 Walks = Mapping[float, Mapping[str, Sequence[GroundWalk]]]
 

@@ -153,16 +153,51 @@ def test_success_of_one_alone_is_a_throw_of_a_coin(first, second, p):
     assert statistics.either_alone_p(second, first) == pytest.approx(p)
 
 
-def test_the_interval_of_a_mean_is_that_of_student():
-    """NaN is left out; of nothing nothing is known."""
-    values = np.random.default_rng(3).normal(5.0, 2.0, 200)
-    found = statistics.Mean.of(np.append(values, np.nan))
-    half = stats.t.ppf(0.975, 199) * np.std(values, ddof=1) / np.sqrt(200)
-    assert found.count == 200 and found.value == pytest.approx(np.mean(values))
-    assert found.low == pytest.approx(found.value - half, abs=0.06 * half)
-    assert found.high == pytest.approx(found.value + half, abs=0.06 * half)
-    nothing = statistics.Mean.of(np.array([np.nan]))
-    assert nothing.count == 0 and np.isnan([nothing.value, nothing.low, nothing.high]).all()
+DRAWN = {'normal': (np.random.Generator.standard_normal, 0.0, 0.935),
+         'exponential': (np.random.Generator.standard_exponential, 1.0, 0.86)}
+
+
+@pytest.mark.parametrize('count', [3, 5, 8, 20, 100])
+@pytest.mark.parametrize('kind', DRAWN)
+def test_the_interval_of_a_mean_covers_it(kind, count):
+    """In 95 of 100 normal samples of any size, and in nearly as many of a skewed one.
+
+    2,000 samples tell a coverage of 95 % to 1.5 % (three deviations). Percentiles of the bootstrap
+    cover 85 % of normal samples of five, and 77 % of exponential ones.
+    """
+    draw, mean, least = DRAWN[kind]
+    rng = np.random.default_rng(count)
+    found = [statistics.Mean.of(draw(rng, count)) for _ in range(2000)]
+    covered = np.mean([each.low <= mean <= each.high for each in found])
+    assert least <= covered <= 0.965
+
+
+def test_a_mean_of_two_has_no_interval_and_of_nothing_no_value():
+    assert statistics.Mean.of(np.array([1.0, np.nan, 2.0])).text(1) == '1.5'
+    assert statistics.Mean.of(np.array([np.nan])).text(1) == '–'
+
+
+def test_the_interval_of_a_share_covers_it_within_0_and_1():
+    """In the mean of all shares, over all outcomes of 30 drives by their probabilities."""
+    found = [statistics.Share.of(k, 30) for k in range(31)]
+    assert all(0.0 <= each.low <= each.value <= each.high <= 1.0 for each in found)
+    covered = [stats.binom.pmf(range(31), 30, share)
+               @ [each.low <= share <= each.high for each in found]
+               for share in np.linspace(0.01, 0.99, 99)]
+    assert 0.95 <= np.mean(covered) < 0.96
+
+
+def test_of_many_tests_of_nothing_few_are_called_shown():
+    """In 400 tables of 56 tests of nothing, one in twenty has any q below 0.05; uncorrected 94 %.
+
+    A difference that is there survives the correction.
+    """
+    tables = np.random.default_rng(1).uniform(size=(400, 56))
+    shown = np.mean([statistics.adjusted(p).min() < 0.05 for p in tables])
+    assert shown < 0.09 and np.mean(tables.min(axis=1) < 0.05) > 0.9
+    assert statistics.adjusted([*tables[0], 1e-5])[-1] < 0.05
+    q = statistics.adjusted([0.01, np.nan, 0.02, 0.2])
+    assert q == pytest.approx([0.03, np.nan, 0.03, 0.2], nan_ok=True)
 
 
 def test_signed_ranks_by_all_signs():

@@ -8,7 +8,6 @@ import pytest
 
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.judge.evaluation.statistics import Mean
 from lunar_rover_sim.judge.studies import locomotion_grounds, traverse_report
 from lunar_rover_sim.judge.studies.ground_comparison import (compare, comparison_text,
                                                              plot_comparison, Quantity)
@@ -25,24 +24,13 @@ def drive(seed, speed_mps=0.1):
                     20.0, 1.5, 0.005, path)
 
 
-def test_an_interval_holds_the_mean_and_shrinks_with_the_number():
-    rng = np.random.default_rng(3)
-    few, many = (Mean.of(rng.normal(5.0, 1.0, n)) for n in (8, 200))
-    for each in (few, many):
-        assert each.low < each.value < each.high and each.count in (8, 200)
-    # Normal theory: 1.96 / sqrt(n) on either side.
-    assert 0.5 * (many.high - many.low) == pytest.approx(1.96 / 200 ** 0.5, rel=0.2)
-    assert few.high - few.low > 3.0 * (many.high - many.low)
-    assert Mean.of(np.full(4, 2.0)).low == Mean.of(np.full(4, 2.0)).high == 2.0
-
-
 def test_pairs_show_what_worlds_hide():
     """A shift of 1 beneath differences of 10 between worlds; values that are missing drop out."""
     worlds = np.random.default_rng(4).normal(0.0, 10.0, 12)
     shifted = worlds + 1.0 + 0.01 * np.arange(12)
     shifted[5] = math.inf
     first, second = compare({'rigid': worlds, 'soft': shifted}, [VALUE])
-    assert first.difference is None and first.estimate.count == 12
+    assert first.difference is None and math.isnan(first.p) and first.estimate.count == 12
     assert second.difference.count == second.estimate.count == 11
     assert 1.0 < second.difference.low < second.difference.high < 1.12
     assert second.p == pytest.approx(2.0 / 2 ** 11)     # all of one sign: exact
@@ -52,12 +40,18 @@ def test_pairs_show_what_worlds_hide():
         compare({'rigid': worlds, 'soft': worlds[1:]}, [VALUE])
 
 
-def test_the_comparison_is_written(tmp_path):
-    results = {'rigid': [1.0, 2.0], 'soft': [2.0, math.nan]}
-    text = comparison_text(compare(results, [VALUE]), 'rigid')
-    assert '| value | rigid | 1.5 [1.0, 2.0] | 2 | – | – |' in text
-    assert '| value | soft | 2.0 [2.0, 2.0] | 1 | +1.0 [+1.0, +1.0] | 1 |' in text
-    plot_comparison(results, [VALUE], tmp_path / 'figure.png')
+def test_a_share_stays_within_0_and_1_and_every_p_is_corrected(tmp_path):
+    stops = Quantity('stops', lambda result: float(result > 10.0), share=True)
+    worlds = np.random.default_rng(4).normal(0.0, 5.0, 8)
+    results = {'rigid': worlds, 'soft': worlds + 1.0, 'loose': worlds + 20.0}
+    compared = compare(results, [VALUE, stops])
+    loose = compared[-1]
+    assert loose.estimate.high == 1.0 and 0.6 < loose.estimate.low < 1.0
+    assert loose.p == pytest.approx(2.0 / 2 ** 8)       # McNemar: all eight changed one way
+    text = comparison_text(compared, 'rigid')
+    # Of four tests three have p = 2 / 2^8, so their q is 4 / 3 of it.
+    assert text.count('| 0.0078 | 0.01 |') == 3
+    plot_comparison(results, [VALUE, stops], tmp_path / 'figure.png')
     assert (tmp_path / 'figure.png').stat().st_size > 5000
 
 
