@@ -142,20 +142,22 @@ def _run(args: argparse.Namespace) -> int:
             args.output.rmdir()   # if it is empty
     mapping = {**result.to_mapping(), 'estimate_frame': estimator.poses_of}
     atomic_write(args.output / 'result.json', json_text(mapping) + '\n', SlamError)
+    judged = not math.isnan(result.ate_m)
     if args.json:
         print_json(mapping)
-        return 0
+        return 0 if judged else 1
     if result.reason:
         say(result.reason)
     say(f'{result.system} {result.sensor}: tracked {100 * result.tracked_share:.1f} % of '
-        f'{result.frames} frames, scale {result.scale:.4f}, {result.wall_s:.1f} s')
-    say(f'{args.output / ESTIMATE} (TUM) has the poses of the frame {estimator.poses_of}; '
-        'evaluation.json and result.json beside it')
-    if math.isnan(result.ate_m):
-        say(f'no trajectory to judge; the log is in {args.output}')
-    else:
-        say(f'done: ATE {result.ate_m:.4f} m, {result.ate_percent:.2f} % of '
-            f'{result.distance_m:.2f} m; figure: {args.output / TOP_VIEW}')
+        f'{result.frames} frames, ' + (f'scale {result.scale:.4f}, ' if judged else '')
+        + f'{result.wall_s:.1f} s')
+    if (args.output / ESTIMATE).is_file():
+        say(f'{args.output / ESTIMATE} (TUM) has the poses of the frame {estimator.poses_of}; '
+            'result.json beside it')
+    if not judged:
+        raise SlamError(f'no trajectory to judge; the log is in {args.output}')
+    say(f'done: ATE {result.ate_m:.4f} m, {result.ate_percent:.2f} % of '
+        f'{result.distance_m:.2f} m; figure: {args.output / TOP_VIEW}')
     return 0
 
 

@@ -19,7 +19,6 @@ from lunar_rover_sim.base.files.templates import data_uri, template
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.judge.slam import table
 from lunar_rover_sim.judge.slam.drives import csv_of_drives, Judged, text_of_seeds
-from lunar_rover_sim.judge.slam.findings import findings
 from lunar_rover_sim.judge.slam.table import is_success, Paper, row_of, TableRow, text_cells
 
 _MEASURES = {'ate_percent': 'ATE [% of distance]', 'scale': 'scale', 'tracked': 'tracked [%]'}
@@ -31,7 +30,7 @@ def html_report(title: str, statement: Sequence[str], rows: Sequence[TableRow],
     """Return the report as HTML.
 
     Args:
-        statement, findings: Sentences about the drives and what they show.
+        statement, findings: Sentences about the drives, and about the steps of a sweep.
         parameter: What a sweep changes.
     """
     columns, lines = text_cells(rows, paper or {}, parameter)
@@ -176,7 +175,7 @@ def png(figure: Figure) -> bytes:
 
 @dataclasses.dataclass(frozen=True)
 class BenchmarkReport:
-    """The table as Markdown, the findings as sentences, and the files that were written."""
+    """The table as Markdown, what a sweep shows as sentences, and the files that were written."""
 
     table: str
     findings: list[str]
@@ -188,7 +187,7 @@ def write_report(judged: Sequence[Judged], folder: Path, name: str,
     """Write NAME.md, .csv, .tex and .html, NAME_drives.csv, and NAME.png of a sweep.
 
     Args:
-        judged: At least one; of several systems, each has findings of its own.
+        judged: At least one.
         folder: Must exist.
         paper: Published numbers.
 
@@ -197,9 +196,7 @@ def write_report(judged: Sequence[Judged], folder: Path, name: str,
     """
     rows, parameter = table.rows_of(judged), judged[0].drive.parameter
     systems = list(dict.fromkeys(one.result.system for one in judged))
-    found = [f'{system}: {sentence}' if len(systems) > 1 else sentence for system in systems
-             for sentence in findings([one for one in judged if one.result.system == system],
-                                      parameter)]
+    found = table.steps(rows, judged) if parameter else []
     text, statement = table.markdown(rows, paper, parameter), _statement(judged, systems)
     title = 'Benchmark' + (f' over {parameter}' if parameter else '')
     contents: dict[str, str | bytes] = {

@@ -18,7 +18,7 @@ import numpy as np
 
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.files.atomic import atomic_write
-from lunar_rover_sim.base.files.paths import program_path
+from lunar_rover_sim.base.files.paths import check_regular, program_path
 from lunar_rover_sim.base.files.yaml_text import read_text
 from lunar_rover_sim.base.parameters import nearest
 from lunar_rover_sim.base.seconds import from_seconds
@@ -26,6 +26,7 @@ from lunar_rover_sim.judge.evaluation.trajectory import Stamps, Trajectory
 from lunar_rover_sim.judge.slam import euroc_reader
 from lunar_rover_sim.judge.slam.program import WHEEL_PROGRAM
 from lunar_rover_sim.judge.slam.reference.odometry import VisualOdometry
+from lunar_rover_sim.products.sequences.euroc import TIMES_FILE, TIMES_IMU_FILE
 from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS, settings
 from lunar_rover_sim.products.sequences.sensors import SensorSuite
 from lunar_rover_sim.run.child_process import Echo, executable, run_program
@@ -37,6 +38,7 @@ _STAMP_NS = 2000         # how far a written stamp may be off
 _TUM_STAMPS = 'rgb.txt'
 _MAX_BYTES = 1 << 30     # of a trajectory
 _WHEEL_SENSORS = ('mono', 'stereo', 'stereo-inertial')
+_MOST_LINE = 1000        # of a vocabulary
 _FIELDS = ('sequence', 'settings', 'times', 'sensor', 'out')   # of a command
 
 
@@ -97,17 +99,18 @@ class Estimator:
             raise SlamError(f'sensor: {self.sensor!r} is not valid for the reference; valid '
                             'are mono, stereo')
         if self.system == 'orbslam3':
+            lacking = [f'--{name}' for name, path in (
+                ('executable', self.program), ('vocabulary', self.vocabulary)) if path is None]
             if self.program is None or self.vocabulary is None:
-                raise SlamError('orbslam3: needs an executable and a vocabulary')
+                raise SlamError(f'orbslam3: needs {" and ".join(lacking)}')
             executable(self.program)
             if is_python(self.program) and self.sensor not in _WHEEL_SENSORS:
                 raise SlamError(f'sensor: {self.sensor!r} is not valid for the wheel of ORB-SLAM3;'
                                 f' valid are {", ".join(_WHEEL_SENSORS)}')
-            if not self.vocabulary.is_file():
-                raise SlamError(f'{self.vocabulary}: there is no such vocabulary')
+            check_vocabulary(self.vocabulary)
         if self.system == 'command':
             if not self.command.strip():
-                raise SlamError('command: needs the command line to run')
+                raise SlamError('command: needs --run, the command line of the program')
             self._words(dict.fromkeys(_FIELDS, ''))
         if self.timeout_s < 0.0:
             raise SlamError(f'timeout: {self.timeout_s:g} is not valid; valid is >= 0 [s]')
@@ -141,7 +144,7 @@ class Estimator:
             ProcessError: If it cannot be started.
         """
         sequence, folder = sequence.absolute(), folder.absolute()
-        frames_ns = _frames_ns(sequence, self.format)
+        frames_ns = self._frames_ns(sequence)
         span_s = float(frames_ns[-1] - frames_ns[0]) * 1e-9 if len(frames_ns) else 0.0
         timeout_s = self.timeout_s or _SLACK_S + _SLOWEST * span_s
         if self.system == 'reference':
@@ -164,6 +167,22 @@ class Estimator:
             reason = join(reason, 'keyframes only')
         return Estimate(trajectory, join(reason, _lost(trajectory, frames_ns)), self.poses_of,
                         frames_ns, ended.wall_s)
+
+    @property
+    def _times_file(self) -> str:
+        """The stamps of the pairs; a program with an IMU reads on to the sample after each."""
+        return TIMES_IMU_FILE if self.sensor == 'stereo-inertial' else TIMES_FILE
+
+    def _frames_ns(self, sequence: Path) -> Stamps:
+        """Return the stamps of the images that the system is given."""
+        if self.format == 'euroc':
+            return np.array(euroc_reader.stamps_ns(sequence, self._times_file), dtype=np.int64)
+        try:
+            lines = read_text(sequence / _TUM_STAMPS, _MAX_BYTES, SlamError).splitlines()
+            return np.array([from_seconds(line.split()[0]) for line in lines
+                             if not line.startswith('#')], dtype=np.int64)
+        except (ValueError, OverflowError, IndexError) as error:
+            raise SlamError(f'{sequence}: {_TUM_STAMPS} cannot be read: {error}') from None
 
     def _reference(self, sequence: Path, frames_ns: Stamps, timeout_s: float,
                    advance: Callable[[], None]) -> Estimate:
@@ -193,14 +212,14 @@ class Estimator:
         out = 'estimate_raw.txt'
         if self.system == 'command':
             return self._words(dict(zip(_FIELDS, map(str, (
-                sequence, path, sequence / 'times.txt', self.sensor, folder / out))))), (out,)
+                sequence, path, sequence / self._times_file, self.sensor, folder / out))))), (out,)
         assert self.program is not None and self.vocabulary is not None
         program = executable(self.program)
         wheel = [str(program_path(WHEEL_PROGRAM)), '--sensor', self.sensor]
         command = [str(program), *(wheel if is_python(program) else ()),
                    str(self.vocabulary.absolute()), str(path), str(sequence)]
         if self.format == 'euroc':
-            command += [str(sequence / 'times.txt'), 'run']
+            command += [str(sequence / self._times_file), 'run']
         elif self.sensor == 'rgbd':
             command.append(str(sequence / 'associations.txt'))
         return command, ('f_run.txt', 'CameraTrajectory.txt', 'kf_run.txt',
@@ -214,6 +233,27 @@ class Estimator:
             raise SlamError(f'command: {self.command!r} is not valid: {error}; valid '
                             f'fields are {", ".join(_FIELDS)}') from None
         return [str(executable(words[0])), *words[1:]]
+
+
+def check_vocabulary(path: Path) -> None:
+    """Raise SlamError unless a file begins as a vocabulary in the text format of DBoW2 does.
+
+    That is `branching levels score weights`, then `parent is_leaf`, 32 bytes and a weight.
+    """
+    valid = 'valid is a text vocabulary of DBoW2, such as ORBvoc.txt'
+    try:
+        check_regular(path, SlamError)
+        with path.open('rb') as file:
+            head, node = (file.readline(_MOST_LINE).split() for _ in range(2))
+    except OSError as error:
+        raise SlamError(f'{path}: cannot be read: {error.strerror}') from None
+    if head[:1] and head[0].startswith((b'\x1f\x8b', b'BZh', b'PK')):
+        raise SlamError(f'{path}: is compressed; unpack it: {valid}')
+    numbers = [int(word) if word.isdigit() else -1 for word in head]
+    if (len(numbers) != 4 or not 2 <= numbers[0] <= 20 or not 1 <= numbers[1] <= 10
+            or not 0 <= numbers[2] <= 5 or not 0 <= numbers[3] <= 3 or len(node) != 35
+            or not all(word.isdigit() and int(word) < 256 for word in node[2:34])):
+        raise SlamError(f'{path}: is not a vocabulary; {valid}')
 
 
 def is_python(program: Path) -> bool:
@@ -285,17 +325,6 @@ def read_estimate(path: Path, frames_ns: Stamps) -> Trajectory:
     if best is None:
         raise SlamError(f'{path}: its stamps are neither ns nor seconds')
     return Trajectory(best[1], values[:, 1:4], values[:, [7, 4, 5, 6]], str(path))
-
-
-def _frames_ns(sequence: Path, kind: str) -> Stamps:
-    if kind == 'euroc':
-        return np.array(euroc_reader.stamps_ns(sequence), dtype=np.int64)
-    try:
-        lines = read_text(sequence / _TUM_STAMPS, _MAX_BYTES, SlamError).splitlines()
-        return np.array([from_seconds(line.split()[0]) for line in lines
-                         if not line.startswith('#')], dtype=np.int64)
-    except (ValueError, OverflowError, IndexError) as error:
-        raise SlamError(f'{sequence}: {_TUM_STAMPS} cannot be read: {error}') from None
 
 
 def _lost(trajectory: Trajectory, frames_ns: Stamps) -> str:

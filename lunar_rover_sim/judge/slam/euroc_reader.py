@@ -16,6 +16,7 @@ from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.files.images import read_picture
 from lunar_rover_sim.base.files.yaml_text import read_text, read_yaml
 from lunar_rover_sim.base.frames import Array, inverse
+from lunar_rover_sim.products.sequences.euroc import TIMES_FILE
 
 Image = NDArray[np.uint8]
 
@@ -81,14 +82,14 @@ def read_camera(sequence: Path, stereo: bool) -> Camera:
     return Camera((fx, fy), (cx, cy), baseline_m, distortion)
 
 
-def stamps_ns(sequence: Path) -> list[int]:
-    """Return the stamps of the frames [ns]."""
-    return [int(word) for word in _stamps(sequence)]
+def stamps_ns(sequence: Path, file: str = TIMES_FILE) -> list[int]:
+    """Return the stamps of the frames [ns]; file: times.txt or times_imu.txt."""
+    return [int(word) for word in _stamps(sequence, file)]
 
 
-def _stamps(sequence: Path) -> list[str]:
+def _stamps(sequence: Path, file: str = TIMES_FILE) -> list[str]:
     """Return the stamps of the frames [ns] as they name the files."""
-    path = sequence / 'times.txt'
+    path = sequence / file
     words = read_text(path, _MAX_BYTES, SlamError).split()
     for word in words:
         if (not word.isascii() or not word.isdigit() or len(word) > _MOST_DIGITS

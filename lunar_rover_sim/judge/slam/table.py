@@ -12,7 +12,8 @@ import numpy as np
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.files.results import csv_table, markdown_table, plain
 from lunar_rover_sim.base.files.yaml_text import read_yaml
-from lunar_rover_sim.judge.evaluation.statistics import Median, Share
+from lunar_rover_sim.judge.evaluation.statistics import (adjusted, Comparison, CONFIDENCE, Median,
+                                                         Share)
 from lunar_rover_sim.judge.slam.drives import Judged
 from lunar_rover_sim.judge.slam.estimators import join
 
@@ -101,6 +102,35 @@ def rows_of(judged: Iterable[Judged]) -> list[TableRow]:
                              Median.of(one.result.distance_m for one in group),
                              Median.of(one.result.duration_s for one in group), tuple(reasons)))
     return rows
+
+
+def steps(rows: Sequence[TableRow], judged: Sequence[Judged]) -> list[str]:
+    """Say of each value of a sweep and the next one whether their errors differ.
+
+    Drives of one seed are pairs, and a failure counts as worse than any error. A difference is
+    shown by its q, which counts all steps of the table.
+    """
+    errors: dict[tuple[str, str, str, str], dict[int, float]] = {}
+    for one in judged:
+        if not one.failed:
+            errors.setdefault(row_of(one), {})[one.drive.seed] = (
+                one.result.ate_m if is_success(one) else float('inf'))
+    found = []
+    for scenario, sensor, system in dict.fromkeys((r.scenario, r.sensor, r.system) for r in rows):
+        values = [r.value for r in rows
+                  if (r.scenario, r.sensor, r.system) == (scenario, sensor, system)]
+        for value, following in zip(values, values[1:]):
+            first, second = (errors.get((scenario, of, sensor, system), {})
+                             for of in (value, following))
+            seeds = sorted(first.keys() & second.keys())
+            found.append((f'{scenario}, {sensor}, {system}, from {value} to {following}',
+                          Comparison.of([first[s] for s in seeds], [second[s] for s in seeds])))
+    sentences = []
+    for (name, test), q in zip(found, adjusted([test.p for _, test in found])):
+        verdict = 'the error is not shown to differ' if q >= 1.0 - CONFIDENCE else (
+            f'the error becomes {"smaller" if test.effect > 0.0 else "larger"}')
+        sentences.append(f'{name}: {verdict} ({test.text()}, q = {q:.2g} of {len(found)} tests)')
+    return sentences
 
 
 def read_paper(path: Path) -> Paper:

@@ -14,8 +14,8 @@ import numpy as np
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.base.files.results import markdown_table, save_figure
 from lunar_rover_sim.base.frames import Array
-from lunar_rover_sim.judge.evaluation.statistics import (adjusted, CONFIDENCE, either_alone_p, Estimate,
-                                                        Mean, Share, signed_rank_p)
+from lunar_rover_sim.judge.evaluation.statistics import (adjusted, CONFIDENCE, either_alone_p,
+                                                         Estimate, Mean, Share, signed_rank_p)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -22,6 +22,7 @@ from lunar_rover_sim.products.sequences.further import RecordedCamera
 from lunar_rover_sim.products.sequences.sequence import numbers, PngWriter, Sequence
 
 _CAMERAS = {topics.LEFT_IMAGE.name: 'cam0', topics.RIGHT_IMAGE.name: 'cam1'}
+TIMES_FILE, TIMES_IMU_FILE = 'times.txt', 'times_imu.txt'
 _IMU = 'mav0/imu0/data.csv'
 _TRUTH = 'mav0/state_groundtruth_estimate0/data.csv'
 _IMU_TITLE = ('#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],'
@@ -51,6 +52,8 @@ class EurocSequence(Sequence):
         self._bias: dict[int, Array] = {}
         self._odometry: dict[int, Any] = {}
         self._has_bias = bag.has(topics.IMU_BIAS.name)
+        self._imu_ns: list[int] = []        # first and last stamp
+        self._pairs_ns: list[int] = []
         for name, camera in _CAMERAS.items():
             if bag.has(name):
                 mount = self.suite.T_imu_left if camera == 'cam0' else self.suite.T_imu_right
@@ -72,7 +75,8 @@ class EurocSequence(Sequence):
         for name, camera in _CAMERAS.items():
             if name in pixels:
                 self._image(camera, stamp_ns, pixels[name])
-        self.line('times.txt', self._stamp(stamp_ns))
+        self.line(TIMES_FILE, self._stamp(stamp_ns))
+        self._pairs_ns.append(stamp_ns)
 
     def further_images(self, camera: RecordedCamera, stamp_ns: int,
                        pixels: dict[str, NDArray[Any]]) -> None:
@@ -83,6 +87,7 @@ class EurocSequence(Sequence):
     def data(self, topic: str, stamp_ns: int, message: Any) -> None:
         """Write IMU samples as they come, truth once its bias is there."""
         if topic == topics.IMU_RAW.name:
+            self._imu_ns = [*self._imu_ns[:1], stamp_ns]
             self.line(_IMU, f'{self._stamp(stamp_ns)},' + numbers(imu_row(message), separator=','))
         elif topic == topics.ODOM.name:
             self._odometry[stamp_ns] = message
@@ -98,10 +103,17 @@ class EurocSequence(Sequence):
                 del waiting[min(waiting)]
 
     def notes(self) -> list[str]:
-        """Return what of the format is missing."""
+        """Write times_imu.txt; return what of the format is missing."""
         notes = []
-        if not (self.folder / _IMU).exists():
-            notes.append('no IMU in the bag: images are not trimmed, imu0 is missing')
+        if self._imu_ns:
+            between = [ns for ns in self._pairs_ns if self._imu_ns[0] <= ns < self._imu_ns[-1]]
+            for ns in between:
+                self.line(TIMES_IMU_FILE, self._stamp(ns))
+            if len(between) < len(self._pairs_ns):
+                notes.append(f'{TIMES_IMU_FILE}: {len(between)} of {len(self._pairs_ns)} image '
+                             'sets, those with an IMU sample before and after them')
+        else:
+            notes.append('no IMU in the bag: imu0 is missing')
         if not (self.folder / _TRUTH).exists():
             notes.append('no odometry in the bag: the ground truth is missing')
         if self._further:

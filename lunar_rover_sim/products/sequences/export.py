@@ -51,8 +51,7 @@ def export(path: Path | str, output: Path | str, kind: str = 'euroc',
            shards: ShardOptions = ShardOptions(), epoch_ns: int = EPOCH_NS) -> list[str]:
     """Write a sequence into the new folder `output`; return sentences about it for the user.
 
-    Where there is an IMU, images without an IMU sample before and after them are left out:
-    ORB-SLAM3 would read past the end of its samples. README.txt says what the poses are of.
+    README.txt says what the poses are of.
 
     Args:
         path: Bag.
@@ -121,12 +120,11 @@ def _stream(bag: Bag, sequence: Sequence, progress: Callable[[], None] | None) -
               if bag.has(source) and _TYPES.get(name) != _CAMERA_INFO]
     names = {bag.resolve(sources[name]): name for name in wanted}
     images = [name for name in wanted if _TYPES.get(name) == _IMAGE]
-    sets = _ImageSets(bag, sequence.images, images, topics.IMU_RAW.name in wanted,
-                      sequence.first_ns)
+    sets = _ImageSets(bag, sequence.images, images, sequence.first_ns)
     further: dict[str, _ImageSets] = {}
     for camera in sequence.further:
         own = [camera.topics[topic] for topic in sequence.of_further if topic in camera.topics]
-        group = _ImageSets(bag, functools.partial(sequence.further_images, camera), own, False)
+        group = _ImageSets(bag, functools.partial(sequence.further_images, camera), own)
         further.update(dict.fromkeys(own, group))
         names.update({bag.resolve(name): name for name in own})
     exposures_s: dict[int, float] = {}      # by stamp [ns]
@@ -144,8 +142,6 @@ def _stream(bag: Bag, sequence: Sequence, progress: Callable[[], None] | None) -
             exposures_s[header_ns(decoded)] = exposure_s(decoded)
         if name in wanted:
             sequence.data(name, header_ns(decoded), decoded)
-        if name == topics.IMU_RAW.name:
-            sets.imu(header_ns(decoded))
     notes = sets.finish()
     if exposures_s:
         sequence.line(EXPOSURE_FILE, '#timestamp [ns],exposure time [s]')
@@ -168,20 +164,17 @@ def _deep_images(bag: Bag, sequence: Sequence) -> list[str]:
 
 
 class _ImageSets:
-    """Puts images of one stamp together and holds them until an IMU sample follows."""
+    """Puts images of one stamp together."""
 
     def __init__(self, bag: Bag, take: Callable[[int, dict[str, Any]], None], names: list[str],
-                 waits_for_imu: bool, first_ns: int = 0) -> None:
+                 first_ns: int = 0) -> None:
         """first_ns: sets of earlier stamps are left out, since they have no LiDAR scan."""
         self._bag = bag
         self._first_ns = first_ns
         self._take = take
         self._names = frozenset(names)
-        self._waits = waits_for_imu
-        self._first_imu_ns: int | None = None
         self._open: dict[int, dict[str, Any]] = {}
-        self._held: list[tuple[int, dict[str, Any]]] = []
-        self._before = self._scanless = 0
+        self._scanless = 0
         self.written_ns: list[int] = []     # stamps
         # Topics that were missing → sets that were left out without them.
         self._lacking: Counter[frozenset[str]] = Counter()
@@ -195,22 +188,9 @@ class _ImageSets:
                 self._note(self._open.pop(ns))
             if stamp_ns < self._first_ns:
                 self._scanless += 1
-            elif not self._waits:
-                self._write(stamp_ns, entry)
-            elif self._first_imu_ns is None or stamp_ns < self._first_imu_ns:
-                self._before += 1
             else:
-                self._held.append((stamp_ns, entry))
-
-    def imu(self, stamp_ns: int) -> None:
-        if self._first_imu_ns is None:
-            self._first_imu_ns = stamp_ns
-        while self._held and self._held[0][0] < stamp_ns:
-            self._write(*self._held.pop(0))
-
-    def _write(self, stamp_ns: int, entry: dict[str, Any]) -> None:
-        self._take(stamp_ns, entry)
-        self.written_ns.append(stamp_ns)
+                self._take(stamp_ns, entry)
+                self.written_ns.append(stamp_ns)
 
     def finish(self) -> list[str]:
         if not self.written_ns:
@@ -219,11 +199,6 @@ class _ImageSets:
                                 f'{", ".join(sorted(self._names))}{after}; there is nothing to '
                                 'export')
         notes = [counted(len(self.written_ns), 'image set')]
-        trimmed = self._before + len(self._held)
-        if trimmed:
-            notes.append(f'{counted(trimmed, "image set")} left out ({self._before} at the '
-                         f'beginning, {len(self._held)} at the end): no IMU sample before or '
-                         'after them')
         if self._scanless:
             notes.append(f'{counted(self._scanless, "image set")} left out at the beginning: no '
                          'LiDAR scan before them')

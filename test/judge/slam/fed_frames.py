@@ -1,4 +1,4 @@
-"""Frames that tests give to a SLAM program behind pipes, one after the other."""
+"""What tests give to SLAM programs: a vocabulary, and frames one after the other."""
 
 from collections.abc import Callable, Sequence
 
@@ -8,6 +8,8 @@ from waiting import wait_until
 from lunar_rover_sim.judge.slam.program import SlamProgram
 from lunar_rover_sim.judge.slam.protocol import FrameSet, TrackedPose
 
+# A root with two words, as DBoW2 writes it.
+VOCABULARY = '2 1 0 0 \n' + 2 * f'0 1 {"17 " * 32}0.69\n'
 LEFT = np.arange(12, dtype=np.uint8).reshape(3, 4)
 
 

@@ -274,7 +274,7 @@ def test_command_line(tmp_path, bag, fake, monkeypatch, capsys) -> None:
     text = (tmp_path / 'out/command.md').read_text()
     assert '2 drives of 2 s per line, seeds 2 to 3, 20 frames/s' in text
     assert '| flat | 2 | mono | command | 2/2 |' in text
-    assert '1.2500' in printed and 'flat, mono, render_node.sun.elevation_deg: 2 of 2' in printed
+    assert '1.2500' in printed and 'flat, mono, command, from 2 to 10: the error is' in printed
     for name in ('command.csv', 'command.tex', 'command.html', 'command.png',
                  'command_drives.csv'):
         assert (tmp_path / 'out' / name).stat().st_size > 200

@@ -18,7 +18,6 @@ from lunar_rover_sim.judge.slam import table
 from lunar_rover_sim.judge.slam.benchmark_report import curves, html_report
 from lunar_rover_sim.judge.slam.drives import (csv_of_drives, Drive, join, Judged, read_csv,
                                                read_folder, seeds_of, text_of_seeds)
-from lunar_rover_sim.judge.slam.findings import findings
 from lunar_rover_sim.judge.slam.run_on_bag import SlamResult
 from lunar_rover_sim.judge.slam.table import rows_of
 
@@ -165,7 +164,7 @@ def test_the_share_of_successes_has_an_interval_where_all_succeed() -> None:
 
 
 def test_command_line(tmp_path, capsys) -> None:
-    """Six seeds of two systems from two machines: one table, findings of each system."""
+    """Six seeds of two systems from two machines: one table."""
     drives = [judged(seed, 0.01 * factor + 0.001 * seed, sensor, system, scenario)
               for system in ('reference', 'orbslam3') for sensor in ('mono', 'stereo')
               for scenario, factor in (('baseline', 1.0), ('feature_sparse', 3.0))
@@ -175,8 +174,7 @@ def test_command_line(tmp_path, capsys) -> None:
     args = parse(['slam', 'table', *map(str, parts), '-o', str(tmp_path / 'out' / 'deep')])
     assert args.run(args) == 0
     printed = capsys.readouterr().out
-    assert 'orbslam3: shown: mono is worst on feature_sparse' in printed
-    assert 'reference: shown: stereo is worst on feature_sparse' in printed
+    assert printed.count('6/6') == 8
     out = tmp_path / 'out' / 'deep'
     assert '6 drives of 60 s per line, seeds 1 to 6' in (out / 'table.md').read_text()
     assert len(read_csv(out / 'table_drives.csv')) == len(drives)
@@ -316,12 +314,6 @@ def drives(scenario: str, sensor: str, errors: list[float | None],
             for seed, (error, scale) in enumerate(zip(errors, scales), 1)]
 
 
-def said(cells: list[Judged], what: str) -> str:
-    """Return how the one sentence that holds `what` begins."""
-    found, = (line for line in findings(cells) if what in line)
-    return found.split(':')[0]
-
-
 TEN = np.array([2.1, 1.4, 0.9, 3.0, 1.7, 2.6, 1.1, 1.9, 2.2, 1.3]) * 1e-3
 
 
@@ -381,74 +373,18 @@ def test_many_pairs() -> None:
     assert Comparison.of(a + 0.2, a).p < 1e-3
 
 
-def table_one(sparse: float = 5.0, dark: float = 0.4) -> list[Judged]:
-    """Return drives as the paper has them: sparse worst, dark stereo lowest."""
-    rng = np.random.default_rng(6)
-
-    def cell(scenario: str, sensor: str, factor: float) -> list[Judged]:
-        scales = rng.uniform(3.0, 40.0, 10) if sensor == 'mono' else rng.normal(1.0, 0.01, 10)
-        return drives(scenario, sensor, list(factor * TEN * rng.uniform(0.97, 1.03, 10)),
-                      scales.tolist())
-    return [*cell('baseline', 'mono', 1.0), *cell('baseline', 'stereo', 1.0),
-            *cell('feature_sparse', 'mono', sparse), *cell('feature_sparse', 'stereo', sparse),
-            *cell('low_albedo', 'mono', 1.0), *cell('low_albedo', 'stereo', dark)]
-
-
-def test_the_findings_of_the_paper_are_shown_where_they_hold() -> None:
-    sentences = findings(table_one())
-    assert len(sentences) == 2 + 1 + 1 + 6
-    assert all(line.startswith('shown: ') for line in sentences), sentences
-
-
-def test_they_are_contradicted_where_the_opposite_holds() -> None:
-    cells = table_one(sparse=0.2, dark=3.0)
-    assert said(cells, 'stereo is worst on feature_sparse') == 'contradicted'
-    assert said(cells, 'lowest error of all') == 'contradicted'
-    apart = [*drives('baseline', 'mono', list(3.0 * TEN)),
-             *drives('baseline', 'stereo', list(TEN), [0.8] * 10)]
-    assert said(apart, 'alike on baseline') == 'contradicted'
-    assert said(apart, 'scale of stereo') == 'contradicted'
-    assert said(apart, 'scale of mono') == 'contradicted'     # all of them are 1
-
-
-def test_and_not_shown_where_the_drives_decide_nothing() -> None:
-    """As the table of three drives: 121 and 258 mm in the mean."""
-    cells = [*drives('baseline', 'stereo', [0.05, 0.14, 0.17], [0.91, 1.03, 0.98]),
-             *drives('feature_sparse', 'stereo', [0.06, 0.27, 0.45]),
-             *drives('baseline', 'mono', [0.04, 0.2, 0.1], [1.0, 3.0, 1.02])]
-    assert {line.split(':')[0] for line in findings(cells) if 'feature_sparse is within' not in
-            line} == {'not shown'}
-
-
-def test_two_drives_have_no_interval() -> None:
-    cells = [*drives('baseline', 'stereo', [0.05, 0.14]), *drives('baseline', 'mono', [0.04, 0.2])]
-    alike = next(line for line in findings(cells) if 'alike' in line)
-    assert 'too few seeds for an interval' in alike and 'nan' not in alike
-
-
-def test_failures_decide_first() -> None:
-    """Small errors of the drives that went well do not make up for those that were lost."""
-    sparse = drives('feature_sparse', 'stereo', [*[LOST] * 8, 1e-4, 1e-4])
-    cells = [*drives('baseline', 'stereo', list(TEN)), *sparse]
-    assert said(cells, 'worst on feature_sparse') == 'shown'
-    assert 'n = 10' in findings(cells)[0]
-
-
-def test_a_sweep_counts_successes_and_compares_neighbours() -> None:
-    """Eight drives that fail or get worse show a step, a single failure does not."""
+def test_a_sweep_compares_neighbours() -> None:
+    """Eight drives that fail or get worse show a step; a single failure does not."""
     low = [LOST, LOST, LOST, LOST, 0.05, 0.06, 0.07, 0.08]
     cells = [*drives('baseline', 'stereo', low, value='2'),
              *drives('baseline', 'stereo', [*[0.01] * 7, 0.02], value='6'),
-             *drives('baseline', 'stereo', [LOST, *[0.01] * 6, 0.02], value='10'),
-             *drives('baseline', 'mono', [0.01], value='2')]
-    assert findings(cells, 'sun') == [
-        'baseline, stereo, sun: 4 of 8 drives succeed at 2; 8 of 8 drives succeed at 6; '
-        '7 of 8 drives succeed at 10',
-        'baseline, mono, sun: 1 of 1 drives succeed at 2',
-        'shown: the error is larger at 2 than at 6, baseline, stereo '
-        '(n = 8, effect +1.00, p = 0.0078)',
-        'not shown: the errors at 6 and 10 differ, baseline, stereo '
-        '(n = 8, effect -1.00, p = 1)']
-    other_way = findings([*drives('baseline', 'stereo', [0.01] * 8, value='5'),
-                          *drives('baseline', 'stereo', low, value='10')], 'rate')
-    assert other_way[1].startswith('shown: the error is smaller at 5 than at 10, baseline, stereo')
+             *drives('baseline', 'stereo', [LOST, *[0.01] * 6, 0.02], value='10')]
+    assert table.steps(rows_of(cells), cells) == [
+        'baseline, stereo, reference, from 2 to 6: the error becomes smaller '
+        '(n = 8, effect +1.00, p = 0.0078, q = 0.016 of 2 tests)',
+        'baseline, stereo, reference, from 6 to 10: the error is not shown to differ '
+        '(n = 8, effect -1.00, p = 1, q = 1 of 2 tests)']
+    # Among eleven steps of nothing, the same drives show nothing.
+    cells += [one for value in range(11, 22)
+              for one in drives('baseline', 'stereo', [0.01] * 8, value=str(value))]
+    assert not any('becomes' in line for line in table.steps(rows_of(cells), cells))

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 import synthetic_bag as synthetic
 
+from judge.slam.fed_frames import VOCABULARY
 from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.base import topics
-from lunar_rover_sim.base.errors import (BagError, ConfigError, EvaluationError, ProcessError,
-                                         SlamError)
-from lunar_rover_sim.cli.main import parse
+from lunar_rover_sim.base.errors import BagError, EvaluationError, ProcessError, SlamError
+from lunar_rover_sim.base.seconds import EPOCH_NS
+from lunar_rover_sim.cli.main import main, parse
 from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum
 from lunar_rover_sim.judge.evaluation.trajectory_sources import load
 from lunar_rover_sim.judge.slam import euroc_reader
@@ -34,7 +35,7 @@ FAKE = """\
     assert (pathlib.Path(sequence) / 'mav0' / 'cam0' / 'data').is_dir()
     stamps = [int(line) for line in open(times)]
     print('frames', len(stamps), flush=True)
-    kind = pathlib.Path(vocabulary).read_text().strip()
+    kind = (pathlib.Path(vocabulary).parent / 'kind.txt').read_text()
     if kind == 'crash':
         os.abort()
     if kind == 'hang':
@@ -77,7 +78,8 @@ def fake(tmp_path, truth):
     write_tum(tmp_path / 'truth.txt', truth)
 
     def make(kind: str, **more) -> Estimator:
-        (tmp_path / 'vocabulary.txt').write_text(kind)
+        (tmp_path / 'vocabulary.txt').write_text(VOCABULARY)
+        (tmp_path / 'kind.txt').write_text(kind)
         return Estimator('orbslam3', 'stereo', program, tmp_path / 'vocabulary.txt', **more)
 
     (tmp_path / 'out').mkdir()
@@ -168,10 +170,11 @@ def test_other_program(tmp_path, bag) -> None:
     ({'system': 'vins'}, 'system: .vins. is not valid'),
     ({'sensor': 'lidar'}, 'sensor: .lidar. is not valid'),
     ({'sensor': 'rgbd'}, 'not valid for the reference'),
-    ({'system': 'orbslam3'}, 'needs an executable and a vocabulary'),
+    ({'system': 'orbslam3'}, 'needs --executable and --vocabulary'),
+    ({'system': 'orbslam3', 'program': Path(sys.executable)}, 'needs --vocabulary'),
     ({'system': 'orbslam3', 'program': Path('/no/such'), 'vocabulary': Path('/no')},
      '/no/such: there is no such program'),
-    ({'system': 'command'}, 'needs the command line'),
+    ({'system': 'command'}, 'needs --run, the command line'),
     ({'system': 'command', 'command': '/no/such {out}'}, '/no/such: there is no such program'),
     ({'system': 'command', 'command': 'true {nope}'}, "'nope'; valid fields are sequence"),
     ({'system': 'command', 'command': 'true "{out}'}, 'No closing quotation'),
@@ -179,6 +182,37 @@ def test_other_program(tmp_path, bag) -> None:
 def test_bad_estimator(arguments, message) -> None:
     with pytest.raises((ProcessError, SlamError), match=message):
         Estimator(**arguments)
+
+
+@pytest.mark.parametrize('content', [
+    b'', b'%YAML:1.0\n', b'stamp x y z\n1 2 3 4\n', b'10 6 0 0\n', b'\x1f\x8b\x08\x00',
+    b'\x00\xff' * 5000, b'2 1 0 0\n0 1 300 ' + b'17 ' * 31 + b'0.69\n',
+    b'\xb2 1 0 0\n0 1 ' + b'17 ' * 32 + b'0.69\n'])
+def test_a_wrong_vocabulary_is_found_before_anything_is_done(tmp_path, bag, capsys,
+                                                             content) -> None:
+    path = tmp_path / 'words.txt'
+    path.write_bytes(content)
+    assert main(['slam', 'run', str(bag), '-o', str(tmp_path / 'out'), '--system', 'orbslam3',
+                 '--executable', sys.executable, '--vocabulary', str(path)]) == 1
+    said = capsys.readouterr().err
+    assert 'words.txt: is' in said and 'such as ORBvoc.txt' in said
+    assert not (tmp_path / 'out').exists()
+
+
+def test_a_program_with_an_imu_is_given_the_frames_that_samples_enclose(tmp_path, bag) -> None:
+    """All 30 pairs are exported; a sample follows 29, and a loop that reads past one ends."""
+    export(bag, tmp_path / 'seq')
+    assert len(euroc_reader.stamps_ns(tmp_path / 'seq')) == 30
+    imu = np.loadtxt(tmp_path / 'seq' / 'mav0/imu0/data.csv', delimiter=',')[:, 0]
+    for sensor, frames in (('stereo', 30), ('stereo-inertial', 29)):
+        script = 'import sys; print(open(sys.argv[1]).read(), end="")'
+        estimator = Estimator('command', sensor,
+                              command=f"{sys.executable} -c '{script}' {{times}}")
+        (tmp_path / sensor).mkdir()
+        result = run_on_bag(bag, estimator, tmp_path / sensor)
+        stamps = list(map(int, (tmp_path / sensor / 'log.txt').read_text().split()))
+        assert result.frames == len(stamps) == frames
+    assert imu[0] - EPOCH_NS <= stamps[0] and stamps[-1] < imu[-1] - EPOCH_NS
 
 
 def test_stamps_of_early_frames(tmp_path) -> None:
@@ -204,16 +238,15 @@ def test_repeated_poses_are_of_frames_that_were_not_located(tmp_path) -> None:
 
 
 def test_command_line(tmp_path, bag, capsys) -> None:
-    script = tmp_path / 'none.sh'
-    script.write_text('#!/bin/sh\nexit 0\n')
-    script.chmod(0o755)
-    args = parse(['slam', 'run', str(bag), '-o', str(tmp_path / 'result'),
-                  '--system', 'command', '--run', f'{script} {{out}}'])
-    assert args.run(args) == 0
-    assert 'lost' in capsys.readouterr().out
+    """A program that writes nothing is no success."""
+    words = ['slam', 'run', str(bag), '-o', str(tmp_path / 'result'), '--system', 'command',
+             '--run', 'true {out}']
+    assert main(words) == 1
+    said = capsys.readouterr()
+    assert 'lost: it wrote no pose' in said.out and 'no trajectory to judge' in said.err
     assert json.loads((tmp_path / 'result' / 'result.json').read_text())['tracked_share'] == 0.0
-    with pytest.raises(ConfigError, match='result exists; name a new folder'):
-        args.run(args)
+    assert main(words) == 1
+    assert 'result exists; name a new folder' in capsys.readouterr().err
     args = parse(['slam', 'run', '/no/bag', '-o', str(tmp_path / 'nothing')])
     with pytest.raises(BagError, match='there is no such bag'):
         args.run(args)

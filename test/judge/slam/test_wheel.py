@@ -7,13 +7,13 @@ import subprocess
 import sys
 
 import cv2
-from judge.slam.fed_frames import feed, LEFT
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 import synthetic_bag as synthetic
 from waiting import LIMIT_S
 
+from judge.slam.fed_frames import feed, LEFT, VOCABULARY
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.files.paths import program_path
 from lunar_rover_sim.judge.slam import protocol
@@ -86,7 +86,7 @@ def test_a_python_without_the_wheel_is_named(monkeypatch, tmp_path) -> None:
 @pytest.mark.parametrize('sensor', ['mono', 'stereo', 'stereo-inertial'])
 def test_in_place_of_the_example_programs(wheel, bag, tmp_path, sensor: str) -> None:
     """`--executable PYTHON`: every frame but the first has the pose that the stand-in gave it."""
-    (tmp_path / 'voc.txt').write_text('words')
+    (tmp_path / 'voc.txt').write_text(VOCABULARY)
     (tmp_path / 'out').mkdir()
     estimator = Estimator('orbslam3', sensor, Path(sys.executable), tmp_path / 'voc.txt')
     result = run_on_bag(bag, estimator, tmp_path / 'out')

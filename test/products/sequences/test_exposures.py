@@ -43,9 +43,8 @@ def test_each_image_has_its_exposure_in_every_format(kind: str, bag: Path,
     notes = export(bag, tmp_path / 'out', kind)
     assert not any(topics.EXPOSURE.name in note for note in notes)
     rows = np.loadtxt(tmp_path / 'out' / EXPOSURE_FILE, delimiter=',', ndmin=2)
-    # EuRoC leaves out the last image, which no IMU sample follows.
     stamps = rows[:, 0] - (EPOCH_NS if kind in DATED else 0)
-    assert len(rows) == (4 if kind == 'euroc' else 5)
+    assert len(rows) == 5
     assert np.allclose(stamps, 1e8 * np.arange(1, 1 + len(rows)), atol=300.0)   # of a double
     assert np.allclose(rows[:, 1], 1e-3 + 1e-3 * np.arange(1, 1 + len(rows)), rtol=1e-6)
     if kind == 'webdataset':
