@@ -5,13 +5,13 @@ from pathlib import Path
 import shutil
 
 import cv2
+from judge.evaluation.wandering import files_of_others
 import numpy as np
 import rasterio
 import synthetic_bag
 import trimesh
 import yaml
 
-from judge.evaluation.wandering import files_of_others
 from lunar_rover_sim.base.files.images import write_png
 from lunar_rover_sim.base.files.paths import config_path
 from lunar_rover_sim.campaign import layout

@@ -77,6 +77,7 @@ class ImageComparison:
     def to_mapping(self) -> dict[str, Any]:
         """Return all numbers as plain values; None for what is not known."""
         *q, q_distance = self.q
+
         def described(one: SetStatistics) -> dict[str, Any]:
             return {'path': str(one.images.path), 'layout': one.images.layout,
                     'images': one.images.total, 'sampled': len(one.values)}

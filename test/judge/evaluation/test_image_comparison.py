@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+from judge.evaluation.image_sets import write_set
 from matplotlib.figure import Figure
 import numpy as np
 import pytest
 
-from judge.evaluation.image_sets import write_set
 from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.files.images import write_png
 from lunar_rover_sim.cli.main import main, parse

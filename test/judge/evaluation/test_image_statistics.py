@@ -4,11 +4,11 @@ import math
 from types import SimpleNamespace
 
 import cv2
+from judge.evaluation.image_sets import HEIGHT, texture, WIDTH
 import numpy as np
 import pytest
 from scipy.stats import wasserstein_distance
 
-from judge.evaluation.image_sets import HEIGHT, texture, WIDTH
 from lunar_rover_sim.bag.series import spread
 from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.files.images import write_png

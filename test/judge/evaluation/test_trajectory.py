@@ -2,11 +2,11 @@
 
 from types import SimpleNamespace
 
+from judge.evaluation.wandering import noisy, wander
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from judge.evaluation.wandering import noisy, wander
 from lunar_rover_sim.base.frames import inverse, se3
 from lunar_rover_sim.judge.evaluation import metrics
 from lunar_rover_sim.judge.evaluation.registration import align, associate, MODES

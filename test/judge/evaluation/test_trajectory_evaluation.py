@@ -4,11 +4,11 @@ import dataclasses
 import json
 from pathlib import Path
 
+from judge.evaluation.wandering import noisy, wander
 import numpy as np
 import pytest
 import synthetic_bag as synthetic
 
-from judge.evaluation.wandering import noisy, wander
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError, EvaluationError
 from lunar_rover_sim.base.frames import inverse, se3

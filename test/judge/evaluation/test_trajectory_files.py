@@ -2,10 +2,10 @@
 
 import dataclasses
 
+from judge.evaluation.wandering import files_of_others, wander
 import numpy as np
 import pytest
 
-from judge.evaluation.wandering import files_of_others, wander
 from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.judge.evaluation import trajectory_files
 from lunar_rover_sim.judge.evaluation import trajectory_sources as sources

@@ -6,11 +6,11 @@ import sys
 import textwrap
 import time
 
+from judge.slam.fed_frames import VOCABULARY
 import numpy as np
 import pytest
 import synthetic_bag as synthetic
 
-from judge.slam.fed_frames import VOCABULARY
 from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.base import topics

@@ -7,12 +7,12 @@ import struct
 import subprocess
 import sys
 
+from judge.slam.fed_frames import feed, LEFT, wait
 import numpy as np
 import psutil
 import pytest
 from waiting import LIMIT_S
 
-from judge.slam.fed_frames import feed, LEFT, wait
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.judge.slam import live

@@ -7,13 +7,13 @@ import subprocess
 import sys
 
 import cv2
+from judge.slam.fed_frames import feed, LEFT, VOCABULARY
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 import synthetic_bag as synthetic
 from waiting import LIMIT_S
 
-from judge.slam.fed_frames import feed, LEFT, VOCABULARY
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.files.paths import program_path
 from lunar_rover_sim.judge.slam import protocol
