@@ -90,13 +90,13 @@ setup(
         # policy_node: without it, small networks run in NumPy.
         'policy': ['onnxruntime>=1.18'],
         # The live view in a browser.
-        'view': ['foxglove-sdk>=0.14'],
+        'view': ['websockets>=13'],
         # evo is GPL: the tests compare with it, nothing that is shipped imports it.
         'test': ['evo>=1.30', 'pytest>=9', 'pytest-xdist>=3.5', 'pytest-regressions>=2.5',
                  'import-linter>=2', 'isort>=5', 'mlcroissant>=1.0', 'mypy>=1.10',
                  'pycocotools>=2.0.8', 'pycodestyle>=2.11', 'ruff>=0.6', 'vulture>=2.11',
                  'types-PyYAML', 'types-psutil', 'mcap-ros2-support>=0.5',
-                 'setuptools>=70.1', 'distributed>=2024.4', USD, 'foxglove-sdk>=0.14',
+                 'setuptools>=70.1', 'distributed>=2024.4', USD,
                  'webdataset>=1.0', 'websockets>=13', 'gymnasium>=1.1', 'onnx>=1.16',
                  'onnxruntime>=1.18'],
         'docs': ['furo>=2024.8', 'myst-nb>=1.1', 'sphinx>=7'],

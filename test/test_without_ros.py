@@ -57,8 +57,8 @@ def test_run_without_ros(tmp_path: Path) -> None:
 
 
 # What the extras bring; each is imported by the command that needs it, when it needs it.
-_EXTRAS = ('distributed', 'foxglove', 'gymnasium', 'onnx', 'onnxruntime', 'pxr', 'rclpy',
-           'sb3_contrib', 'stable_baselines3')
+_EXTRAS = ('distributed', 'gymnasium', 'onnx', 'onnxruntime', 'pxr', 'rclpy', 'sb3_contrib',
+           'stable_baselines3', 'websockets')
 
 
 def test_every_command_starts_without_extras() -> None:

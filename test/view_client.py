@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Iterator
 import contextlib
 import json
+import os
 import socket
 import struct
 import time
@@ -11,8 +12,13 @@ from typing import Any
 
 from waiting import LIMIT_S
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
 
-_MESSAGE, _TIME = 1, 2
+from lunar_rover_sim.run.live_page import TOKEN_VARIABLE
+
+_MESSAGE, _TIME, _PLAYBACK = 1, 2, 5
+TOKEN = 'token-of-the-tests'
+os.environ[TOKEN_VARIABLE] = TOKEN      # of views here and in processes that tests start
 
 
 def free_port() -> int:
@@ -28,7 +34,6 @@ class Client:
     def __init__(self, connection: ClientConnection) -> None:
         self._connection = connection
         self.channels: dict[str, dict[str, Any]] = {}
-        self._wanted: dict[str, int] = {}       # subscriptions by their topics
         self._kept: deque[bytes] = deque()      # what came while nobody read
 
     def find(self, topic: str) -> dict[str, Any]:
@@ -44,8 +49,6 @@ class Client:
         if isinstance(data, str):
             for channel in json.loads(data).get('channels', ()):
                 self.channels[channel['topic']] = channel
-                if channel['topic'] in self._wanted:        # offered anew, as viewers ask anew
-                    self.subscribe(channel['topic'], self._wanted[channel['topic']])
         return data
 
     def attend(self) -> None:
@@ -66,22 +69,44 @@ class Client:
 
     def subscribe(self, topic: str, number: int = 7) -> None:
         """Ask for a topic; number: of the subscription."""
-        channel = self.find(topic)['id']
-        self._wanted[topic] = number
-        self.subscribe_channel(channel, number)
+        self.send(json.dumps({'op': 'subscribe', 'subscriptions': [
+            {'id': number, 'channelId': self.find(topic)['id']}]}))
 
-    def subscribe_channel(self, channel: int, number: int = 7) -> None:
-        """Ask for a channel by its number, advertised or not."""
-        self._connection.send(json.dumps({'op': 'subscribe', 'subscriptions': [
-            {'id': number, 'channelId': channel}]}))
+    def send(self, data: str | bytes) -> None:
+        """Send anything."""
+        self._connection.send(data)
 
-    def refusal(self) -> str:
-        """Return the text of the next status that the server sends."""
+    def drive(self, topic: str, twist: bytes, kind: str = 'geometry_msgs/msg/Twist') -> None:
+        """Publish bytes of a type on a topic, as the stick of the page does."""
+        self.send(json.dumps({'op': 'advertise', 'channels': [
+            {'id': 1, 'topic': topic, 'encoding': 'cdr', 'schemaName': kind}]}))
+        self.send(struct.pack('<BI', 1, 1) + twist)
+
+    def told(self, op: str) -> dict[str, Any]:
+        """Return the next text of a kind that the server sends."""
         end_s = time.monotonic() + LIMIT_S
         while True:
             data = self._receive(end_s)
-            if isinstance(data, str) and json.loads(data)['op'] == 'status':
-                return str(json.loads(data)['message'])
+            if isinstance(data, str) and json.loads(data)['op'] == op:
+                return dict(json.loads(data))
+
+    def control(self, playing: bool, seek_ns: int | None = None, speed: float = 1.0) -> None:
+        """Pause a recording, let it go on, or go elsewhere in it."""
+        self.send(struct.pack('<BBfBQI', 3, not playing, speed, seek_ns is not None,
+                              seek_ns or 0, 0))
+
+    def playback(self) -> tuple[bool, int, bool]:
+        """Return what comes next of a recording: whether it plays, its time [ns], and a jump."""
+        paused, now_ns, _, sought = struct.unpack_from('<BQfB', self._next(_PLAYBACK), 1)
+        return not paused, now_ns, bool(sought)
+
+    def silent(self, seconds: float) -> None:
+        """Raise AssertionError if a message comes within a time."""
+        end_s = time.monotonic() + seconds
+        with contextlib.suppress(TimeoutError):
+            while True:
+                data = self._receive(end_s)
+                assert not isinstance(data, bytes) or data[0] != _MESSAGE
 
     def time_ns(self) -> int:
         """Return the next time that the server tells [ns]."""
@@ -95,15 +120,16 @@ class Client:
 
 
 @contextlib.contextmanager
-def client(port: int) -> Iterator[Client]:
-    """Connect, as soon as there is a server."""
+def client(port: int, host: str = '127.0.0.1', **options: Any) -> Iterator[Client]:
+    """Connect, as soon as there is a server; options: of `connect`."""
     end_s = time.monotonic() + LIMIT_S
     while True:
         try:
-            connection = connect(f'ws://127.0.0.1:{port}', subprotocols=['foxglove.sdk.v1'],
-                                 max_size=None, close_timeout=1.0, open_timeout=LIMIT_S)
+            connection = connect(f'ws://{host}:{port}/?token={TOKEN}',
+                                 subprotocols=[Subprotocol('foxglove.sdk.v1')], max_size=None,
+                                 close_timeout=1.0, open_timeout=LIMIT_S, proxy=None, **options)
             break
-        except OSError:
+        except ConnectionError:
             if time.monotonic() > end_s:
                 raise
             time.sleep(0.1)

@@ -37,6 +37,7 @@ from lunar_rover_sim.products.sequences.shards import DEFAULT_SIZE
 from lunar_rover_sim.products.sequences.webdataset import ShardOptions
 from lunar_rover_sim.products.usd.names import stage_bytes
 from lunar_rover_sim.run.companion_config import VIEW_PORT
+from lunar_rover_sim.run.live_page import Access
 
 _USD = 'usd'
 _DATED = tuple(name for name, kind in FORMATS.items() if kind.is_dated)
@@ -67,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                        metavar='PORT', help='of this machine')
     options.add_number(command, '--speed', 0.0, 100.0, above=True, default=1.0,
                        metavar='FACTOR', help='simulated seconds per second')
+    options.add_allowed_origins(command)
     options.add_recorded_world(command)
     command = add('recover', 'make a bag readable whose recording was cut off', _recover)
     options.add_new_folder(command, 'write the readable bag there, for instance where the disk of '
@@ -168,12 +170,16 @@ def _preview(args: argparse.Namespace) -> int:
 
 
 def _view(args: argparse.Namespace) -> int:
-    say(f'http://localhost:{args.port}; or in Foxglove and Lichtblick ws://localhost:{args.port}; '
-        'Ctrl-C ends it')
+    def start(access: Access) -> None:
+        say(access.url)
+        say(f'in Foxglove or Lichtblick: {access.websocket_url}')
+        say('Ctrl-C ends it')
+
     with Progress('waiting for a browser') as progress:
         progress.start('playing', None, 's')
         replay(args.bag, args.port, args.speed, args.world,
-               on_time=lambda now_s: progress.named(f'at {now_s:.1f} s'))
+               on_time=lambda now_s: progress.named(f'at {now_s:.1f} s'), on_start=start,
+               origins=args.allow_origin)
     return 0
 
 

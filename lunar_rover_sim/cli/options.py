@@ -132,6 +132,13 @@ def add_output(parser: argparse.ArgumentParser, check: Check, metavar: str, help
     parser.set_defaults(check_output=check)
 
 
+def add_allowed_origins(parser: argparse.ArgumentParser) -> None:
+    """Declare which pages may connect to a live view."""
+    parser.add_argument('--allow-origin', action='append', default=[], metavar='ORIGIN',
+                        help='let a page of another site connect to the view, with the token of '
+                        'its address: https://app.foxglove.dev; may be given several times')
+
+
 def add_new_folder(parser: argparse.ArgumentParser, help: str, default: str | None = None,
                    required: bool = True) -> None:
     """Declare -o for a folder that must not exist."""

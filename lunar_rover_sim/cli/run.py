@@ -17,7 +17,7 @@ from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.products.inspection.summary import summarise
 from lunar_rover_sim.run.companion_config import VIEW_PORT
-from lunar_rover_sim.run.live_view import check_view, ViewProcess
+from lunar_rover_sim.run.live_view import ViewProcess
 from lunar_rover_sim.run.plan import (navigated_duration_s, with_navigator, with_policy,
                                       with_route, with_slam, without_node)
 from lunar_rover_sim.run.recording import record, Recording
@@ -54,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='show the run in a browser while it goes on, at this port of this '
                         f'machine (default: {VIEW_PORT}); Foxglove and Lichtblick may connect to '
                         'it too')
+    options.add_allowed_origins(parser)
     parser.add_argument('--teleop', action='store_true',
                         help='drive it yourself, in real time: without drive_node, cmd_vel comes '
                         'from the page of --view or from a node of yours')
@@ -66,9 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate and record; print a summary."""
     require_ros()
-    if args.view is not None:
-        check_view(args.view, '--view')
-        layout = config_path('foxglove/lunar_rover.json')
+    view = None if args.view is None else ViewProcess(args.view, args.allow_origin)
     overrides = options.with_fast(args)
     if args.real_time or args.teleop:
         overrides.append(f'time_mode={REAL_TIME}')
@@ -92,18 +91,18 @@ def run(args: argparse.Namespace) -> int:
     if args.world is None:
         with Progress('building the world'):
             scenario.world_folder()
-    view = ViewProcess()
 
     def start(resolved: Scenario, domain: int) -> None:
-        if args.view is not None:
-            view.start(domain, args.view, (args.world or scenario.world_folder()).resolve())
-            say(f'live view: http://localhost:{args.view}; or in Foxglove and Lichtblick '
-                f'ws://localhost:{args.view}, layout {layout}')
+        if view is not None:
+            view.start(domain, (args.world or scenario.world_folder()).resolve())
+            say(f'live view: {view.access.url}')
+            say(f'in Foxglove or Lichtblick: {view.access.websocket_url}')
+            say(f'their layout: {config_path("foxglove/lunar_rover.json")}')
         display.start(resolved, domain)
 
     def update(now_ns: int) -> None:
         display.update(now_ns)
-        if lost := view.early_end():
+        if view is not None and (lost := view.early_end()):
             say(lost)
 
     with _stop_request() as stop_request, Progress('starting') as progress:
@@ -113,7 +112,8 @@ def run(args: argparse.Namespace) -> int:
                                should_stop=stop_request.is_made, on_start=start,
                                on_progress=update, on_warning=say)
         finally:
-            view.stop()
+            if view is not None:
+                view.stop()
     if recording.interrupted:
         say('stopped; the bag ends here')
     _print_summary(recording)

@@ -24,7 +24,7 @@ from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.run.companion_config import ViewNodeConfig
 from lunar_rover_sim.run.live_page import map_pages
-from lunar_rover_sim.run.live_view import HOST, LiveView
+from lunar_rover_sim.run.live_view import LiveView
 from lunar_rover_sim.run.transforms import OdometryTransforms, transforms_of
 
 _POLL_S = 0.2
@@ -47,7 +47,8 @@ class ViewNode(node_main.GraphNode):
         self._others: list[str] = []        # nodes that drive
         pages = map_pages(load_world(config.world, verify=False) if config.world else None,
                           lambda: self._others)
-        self._view = LiveView(config.port, self._begun.put, self._on_drive, pages)
+        self._view = LiveView(config.port, self._begun.put, self._on_drive, pages,
+                              config.allow_origin)
         store = get_typestore(Stores.ROS2_JAZZY)
         self._stamps = StampTable(store)
         self._transforms = OdometryTransforms()
@@ -58,7 +59,7 @@ class ViewNode(node_main.GraphNode):
         self._clock_reader: Subscription | None = None
         self._now_ns: int | None = None         # the simulated time that was told last
         self.create_timer(_POLL_S, self._poll)
-        self.report_ready(config, f'http://{HOST}:{config.port}')
+        self.report_ready(config, self._view.access.url)
 
     def close(self) -> None:
         """Stop to serve."""
@@ -70,7 +71,6 @@ class ViewNode(node_main.GraphNode):
             if topic not in self._types and self._view.offer(topic, types[0]):
                 self._types[topic] = types[0]
                 self._make_transforms(topic)
-        self._view.offer_again()
         self._others = sorted(
             info.node_name for topic in self._types if topic.endswith(f'/{topics.CMD_VEL.name}')
             for info in self.get_publishers_info_by_topic(topic)
@@ -136,7 +136,9 @@ class ViewNode(node_main.GraphNode):
 
     def _on_drive(self, topic: str, data: bytes) -> None:
         """Publish a velocity of a client; called in a thread of the server."""
-        if topic.endswith(topics.CMD_VEL.name) and self.executor is not None:
+        scope, _, name = topic.rpartition('/')
+        known = any(other.startswith(f'{scope}/') for other in list(self._types))
+        if name == topics.CMD_VEL.name and known and self.executor is not None:
             self.executor.create_task(self._drive, topic, data)
 
     def _drive(self, topic: str, data: bytes) -> None:

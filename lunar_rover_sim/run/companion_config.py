@@ -88,8 +88,11 @@ class PoseBridgeNodeConfig(NodeConfig):
 class ViewNodeConfig(NodeConfig):
     """Parameters of view_node."""
 
-    port: int = param(VIEW_PORT, 'port of the websocket, on this machine only', low=1024,
+    port: int = param(VIEW_PORT, 'port of page and websocket, on this machine only', low=1024,
                       high=65535)
+    allow_origin: tuple[str, ...] = param(
+        (), 'origins of pages elsewhere that may see and drive the rover too, with the token, '
+        'such as https://app.foxglove.dev')
 
 
 COMPANION_CONFIGS: dict[str, type[NodeConfig]] = {

@@ -1,31 +1,31 @@
-"""The page of the live view: one port for browsers, of which websockets go on to another server.
+"""The page of the live view, and who may open it.
 
-A browser that opens `http://localhost:PORT` gets a page; a viewer that opens `ws://localhost:PORT`
-speaks to the server of `live_view` behind it. Bytes are passed on as they come, one thread a
-direction, so that a slow client holds up nobody but itself.
+Any page that a browser has open can send requests to this machine. So a request is answered only
+where its Host is the address that was printed, its Origin, if a browser names one, is that address
+or one that the user allows, and it bears the token of the address.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import contextlib
+import hmac
 from http import HTTPStatus
 from importlib import resources
 import json
-import socket
-import socketserver
-import threading
+import os
+import secrets
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
-from lunar_rover_sim.base.closing import Closing
+from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.images import png_bytes
 from lunar_rover_sim.ground.world.model import World
 
-_MAX_HEAD = 1 << 14
-_HEAD_S = 10.0      # for the request of a client
-_PIECE = 1 << 16
+HOST = '127.0.0.1'
+TOKEN_VARIABLE = 'LUNAR_ROVER_SIM_VIEW_TOKEN'
+_LEAST_TOKEN = 16
 _TYPES = {'html': 'text/html; charset=utf-8', 'js': 'text/javascript; charset=utf-8',
           'json': 'application/json', 'png': 'image/png'}
 _FILES = {'/': 'live.html', '/live.js': 'live.js', '/cdr.js': 'cdr.js'}
@@ -34,90 +34,77 @@ _FILES = {'/': 'live.html', '/live.js': 'live.js', '/cdr.js': 'cdr.js'}
 Extra = dict[str, Callable[[], bytes | None]]
 
 
-class PageServer(Closing):
-    """Serves the page, and extra paths, in threads. Context manager."""
+class Access:
+    """The address of a live view with its token, and what a request must say to be answered.
 
-    def __init__(self, host: str, port: int, websocket_port: int, extra: Extra) -> None:
-        """Begin to serve; raise OSError where the port is taken."""
-        class Handler(socketserver.BaseRequestHandler):
-            def handle(self) -> None:
-                with contextlib.suppress(OSError):      # the client has gone
-                    _answer(self.request, (host, websocket_port), extra)
+    The token is that of the environment variable LUNAR_ROVER_SIM_VIEW_TOKEN, or a new one.
 
-        class Server(socketserver.ThreadingTCPServer):
-            allow_reuse_address, daemon_threads, block_on_close = True, True, False
+    Args:
+        port: Of page and websocket.
+        origins: Of pages elsewhere that may connect too, such as `https://app.foxglove.dev`.
 
-        self._server = Server((host, port), Handler)
-        threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True).start()
+    Attributes:
+        url: Of the page.
+        websocket_url: For viewers.
 
-    def close(self) -> None:
-        """Stop to serve; connections to the server behind end with it."""
-        self._server.shutdown()
-        self._server.server_close()
+    Raises:
+        ConfigError: An origin is none, or the token of the environment is short.
+    """
 
+    def __init__(self, port: int, origins: Sequence[str] = ()) -> None:
+        self.token = os.environ.get(TOKEN_VARIABLE) or secrets.token_urlsafe(24)
+        if len(self.token) < _LEAST_TOKEN or self.token.strip(_TOKEN_CHARACTERS):
+            raise ConfigError(f'{TOKEN_VARIABLE}: valid are {_LEAST_TOKEN} or more letters, '
+                              'digits, - and _')
+        for origin in origins:
+            parts = urlsplit(origin)
+            if not parts.scheme or origin != f'{parts.scheme}://{parts.netloc}':
+                raise ConfigError(f'allow_origin: {origin!r} is not valid; valid is an origin '
+                                  'such as https://app.foxglove.dev')
+        self._hosts = f'localhost:{port}', f'{HOST}:{port}'
+        self._origins = frozenset(origins)
+        self.url = f'http://localhost:{port}/?token={self.token}'
+        self.websocket_url = f'ws://localhost:{port}/?token={self.token}'
 
-def _answer(client: socket.socket, behind: tuple[str, int], extra: Extra) -> None:
-    client.settimeout(_HEAD_S)
-    head = b''
-    while b'\r\n\r\n' not in head:
-        piece = client.recv(_PIECE)
-        if not piece or len(head) > _MAX_HEAD:
-            return
-        head += piece
-    first, *lines = head.partition(b'\r\n\r\n')[0].decode('latin-1').split('\r\n')
-    fields = {name.strip().lower(): value.strip().lower()
-              for name, _, value in (line.partition(':') for line in lines)}
-    if fields.get('upgrade') == 'websocket':
-        client.settimeout(None)
-        with socket.create_connection(behind) as server:
-            server.sendall(head)
-            _join(client, server)
-        return
-    method, _, rest = first.partition(' ')
-    client.sendall(_response(method, rest.partition(' ')[0].partition('?')[0], extra))
+    def problem(self, target: str, hosts: Sequence[str], origins: Sequence[str]) -> str:
+        """Return in a line why a request must not be answered; '' where it may.
 
+        Args:
+            target: Path and query of the request.
+            hosts: All its Host headers.
+            origins: All its Origin headers; none without a browser.
+        """
+        if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
+            return f'Host {", ".join(hosts)!r} is not {" or ".join(self._hosts)}'
+        if len(origins) > 1 or not all(
+                origin == f'http://{hosts[0]}' or origin in self._origins for origin in origins):
+            return (f'Origin {", ".join(origins)!r} is another page; where it may see and drive '
+                    'the rover, name it with --allow-origin')
+        given = parse_qs(urlsplit(target).query).get('token', [''])[0]
+        if not hmac.compare_digest(given.encode(), self.token.encode()):
+            return 'the token is missing or wrong; open the address that was printed'
+        return ''
 
-def _response(method: str, path: str, extra: Extra) -> bytes:
-    status, kind, body = HTTPStatus.OK, 'html', b''
-    if method not in ('GET', 'HEAD'):
-        status = HTTPStatus.METHOD_NOT_ALLOWED
-    elif path in _FILES:
-        kind = _FILES[path].rpartition('.')[2]
-        folder = resources.files('lunar_rover_sim.run') / 'templates'
-        body = (folder / _FILES[path]).read_bytes()
-    elif path in extra and (found := extra[path]()) is not None:
-        kind, body = path.rpartition('.')[2], found
-    else:
-        status = HTTPStatus.NOT_FOUND
-    head = (f'HTTP/1.1 {status.value} {status.phrase}\r\nContent-Type: {_TYPES[kind]}\r\n'
-            f'Content-Length: {len(body)}\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n')
-    return head.encode() + (b'' if method == 'HEAD' else body)
-
-
-def _join(one: socket.socket, other: socket.socket) -> None:
-    """Pass bytes on in both directions until either side ends."""
-    for end in (one, other):
-        end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    back = threading.Thread(target=_pass_on, args=(other, one), daemon=True)
-    back.start()
-    _pass_on(one, other)
-    back.join()
+    def page(self, path: str, extra: Extra) -> tuple[HTTPStatus, str, bytes]:
+        """Return status, type and content of what is served at a path."""
+        if path in _FILES:
+            folder = resources.files('lunar_rover_sim.run') / 'templates'
+            body = (folder / _FILES[path]).read_bytes()
+            kind = _FILES[path].rpartition('.')[2]
+            return HTTPStatus.OK, _TYPES[kind], body.replace(b'TOKEN', self.token.encode()) \
+                if kind == 'html' else body
+        if path in extra and (found := extra[path]()) is not None:
+            return HTTPStatus.OK, _TYPES[path.rpartition('.')[2]], found
+        return HTTPStatus.NOT_FOUND, 'text/plain', b''
 
 
-def _pass_on(source: socket.socket, sink: socket.socket) -> None:
-    with contextlib.suppress(OSError):
-        while piece := source.recv(_PIECE):
-            sink.sendall(piece)
-    for end in (source, sink):      # wakes the thread of the other direction
-        with contextlib.suppress(OSError):
-            end.shutdown(socket.SHUT_RDWR)
-
-
+_TOKEN_CHARACTERS = 'ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_'
 _MAP_PX = 1000
 _ROCKS = 2000       # the largest ones are on the map
 
 
-def map_pages(world: World | None, drivers: Callable[[], Sequence[str]]) -> Extra:
+def map_pages(world: World | None,
+              drivers: Callable[[], Sequence[str]] = lambda: ()) -> Extra:
     """Return the paths that the page asks for.
 
     Args:

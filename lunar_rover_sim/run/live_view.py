@@ -1,54 +1,106 @@
-"""A running graph in a browser: a page, and a websocket that Foxglove and Lichtblick read.
+"""A running graph or a recording in a browser: a page, and a websocket for viewers, at one port.
 
-Both are at one port (`live_page`). Messages go out as they are on the wire (CDR), with the
-definitions of their types, so that the layouts for ROS work and no ROS is needed where they are
-looked at. foxglove-sdk (MIT) speaks the protocol. It buffers for each client and drops the oldest
-messages of one that is slow.
+Messages go out as they are on the wire (CDR), with the definitions of their types, so that no ROS
+is needed where they are looked at. The websocket speaks the protocol of Foxglove, which Lichtblick
+speaks too. `live_page` says who may connect.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+import contextlib
 import importlib.util
+import json
 import logging
+import os
 from pathlib import Path
-import queue
-import re
 import socket
+import struct
 import subprocess
 import sys
+import threading
 import time
-from typing import Any
+from typing import Any, NamedTuple
+from urllib.parse import urlsplit
 
 from rosbags.typesys import get_typestore, Stores
 
 from lunar_rover_sim.base.closing import Closing
 from lunar_rover_sim.base.errors import ConfigError, with_extra
+from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.run.child_process import dies_with_parent, end_group, signal_name
-from lunar_rover_sim.run.live_page import Extra, PageServer
+from lunar_rover_sim.run.live_page import Access, Extra, HOST, TOKEN_VARIABLE
 from lunar_rover_sim.run.ros_domain import ros_environment
 
-HOST = '127.0.0.1'
 TWIST = 'geometry_msgs/msg/Twist'
-_BACKLOG = 32       # messages kept for a slow client
+_PROTOCOLS = ('foxglove.sdk.v1', 'foxglove.websocket.v1')
+_BACKLOG = 32           # messages kept for a slow client
+_MOST_BYTES = 1 << 16   # of a message of a client
+_MOST_CHANNELS = 100    # that a client may offer, and that it may watch
 _END_S = 5.0
-_TELL_S = 0.02      # times are told no more often than this, in wall time
-_REFUSED = re.compile(r'subscribe to unknown channel: (\d+)')
+_TELL_S = 0.02          # times are told no more often than this, in wall time
+_MESSAGE, _TIME, _PLAYBACK = struct.Struct('<BIQ'), struct.Struct('<BQ'), struct.Struct('<BBQfBI')
+_CLIENT_MESSAGE, _CONTROL = struct.Struct('<BI'), struct.Struct('<BBfBQI')
 
 
-class _SdkLog(logging.StreamHandler):       # type: ignore[type-arg]
-    """What the SDK logs, to standard error, without the requests that it has refused."""
+class Control(NamedTuple):
+    """What a client wants of a recording.
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.refused: queue.SimpleQueue[int] = queue.SimpleQueue()      # numbers of channels
+    Attributes:
+        playing: Whether it goes on.
+        speed: Simulated seconds per second.
+        seek_ns: Where it goes on from [ns]; None: from where it is.
+        request: Name of the request, which the answer bears.
+    """
 
-    def emit(self, record: logging.LogRecord) -> None:
-        refused = _REFUSED.search(record.getMessage())
-        if refused:
-            self.refused.put(int(refused[1]))
-        else:
-            super().emit(record)
+    playing: bool
+    speed: float
+    seek_ns: int | None = None
+    request: bytes = b''
+
+
+class _Client:
+    """One connection. What it is sent waits in a queue; the oldest messages of one are dropped."""
+
+    def __init__(self, connection: Any) -> None:
+        self.connection = connection
+        self.topics: dict[int, str] = {}        # of subscriptions by their numbers
+        self.driven: dict[int, str] = {}        # topics of Twists by the client's channels
+        self._said: deque[str | bytes] = deque()
+        self._messages: deque[bytes] = deque(maxlen=_BACKLOG)
+        self._changed = threading.Condition()
+        self._ended = False
+
+    def say(self, text: str | bytes) -> None:
+        """Send what must not be lost."""
+        with self._changed:
+            self._said.append(text)
+            self._changed.notify()
+
+    def send(self, data: bytes) -> None:
+        """Send what may be dropped."""
+        with self._changed:
+            self._messages.append(data)
+            self._changed.notify()
+
+    def write(self) -> None:
+        """Write what waits, until `end`; runs in a thread."""
+        from websockets.exceptions import ConnectionClosed
+        with contextlib.suppress(OSError, ConnectionClosed):
+            while True:
+                with self._changed:
+                    self._changed.wait_for(lambda: self._ended or self._said or self._messages)
+                    if self._ended:
+                        return
+                    data = (self._said or self._messages).popleft()
+                self.connection.send(data)
+
+    def end(self) -> None:
+        """Let `write` end."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
 
 
 class LiveView(Closing):
@@ -58,57 +110,135 @@ class LiveView(Closing):
         port: Of the page and of the websocket.
         on_watch: Called in a thread of the server with a topic that a client has begun to watch.
         on_drive: Called there with a topic and a geometry_msgs/msg/Twist in CDR that a client
-            publishes; other types are not taken.
+            publishes; other types are not taken. None: there is nothing to drive.
         pages: What is served beside the page.
+        origins: Of other pages that may connect.
+        recording: First and last time [ns] of a recording; None: what is shown happens now.
+        on_control: Called in a thread of the server with what a client wants of the recording.
+
+    Attributes:
+        access: The address, and who may connect.
 
     Raises:
-        ConfigError: The port is taken, or foxglove-sdk is missing.
+        ConfigError: The port is taken, or websockets is missing.
     """
 
     def __init__(self, port: int, on_watch: Callable[[str], None] = lambda topic: None,
-                 on_drive: Callable[[str, bytes], None] = lambda topic, data: None,
-                 pages: Extra | None = None) -> None:
+                 on_drive: Callable[[str, bytes], None] | None = None,
+                 pages: Extra | None = None, origins: Sequence[str] = (),
+                 recording: tuple[int, int] | None = None,
+                 on_control: Callable[[Control], None] = lambda control: None) -> None:
         check_view(port)
-        import foxglove  # an optional dependency
-        driven: dict[tuple[int, int], str] = {}     # topics by client and channel
-
-        class Listener(foxglove.websocket.ServerListener):
-            def on_subscribe(self, client: Any, channel: Any) -> None:
-                on_watch(channel.topic)
-
-            def on_client_advertise(self, client: Any, channel: Any) -> None:
-                if channel.schema_name == TWIST and channel.encoding == 'cdr':
-                    driven[client.id, channel.id] = channel.topic
-
-            def on_client_unadvertise(self, client: Any, client_channel_id: int) -> None:
-                driven.pop((client.id, client_channel_id), None)
-
-            def on_message_data(self, client: Any, client_channel_id: int, data: bytes) -> None:
-                if topic := driven.get((client.id, client_channel_id)):
-                    on_drive(topic, data)
-
-        self._foxglove, self._context = foxglove, foxglove.Context()
+        from websockets.sync.server import serve  # an optional dependency
+        from websockets.typing import Subprotocol
+        self.access = Access(port, origins)
+        self._on_watch, self._on_drive, self._on_control = on_watch, on_drive, on_control
+        self._pages, self._recording = pages or {}, recording
         self._store = get_typestore(Stores.ROS2_JAZZY)
-        self._channels: dict[str, Any] = {}
+        self._channels: dict[str, str] = {}     # topic → how it is advertised, as JSON
+        self._topics: dict[int, str] = {}       # by the numbers of channels
+        self._clients: set[_Client] = set()
+        self._changing = threading.Lock()       # of channels and clients
+        self._playback = b''
         self._told_s = -_TELL_S
-        self._log = _SdkLog()
-        logging.getLogger('foxglove').addHandler(self._log)
+        self._log = logging.getLogger('lunar_rover_sim.live_view')
+        quiet = logging.getLogger('lunar_rover_sim.live_view.websockets')
+        quiet.setLevel(logging.CRITICAL)        # a client that breaks off is no event
         try:
-            self._server = foxglove.start_server(
-                name='lunar_rover_sim', host=HOST, port=0, context=self._context,
-                capabilities=[foxglove.websocket.Capability.Time,
-                              foxglove.websocket.Capability.ClientPublish],
-                supported_encodings=['cdr'], server_listener=Listener(),
-                message_backlog_size=_BACKLOG)
-        except RuntimeError as error:
-            self._end_log()
-            raise ConfigError(f'port: {port} cannot be served: {error}') from None
-        try:
-            self._page = PageServer(HOST, port, self._server.port, pages or {})
+            self._server = serve(
+                self._attend, HOST, port, process_request=self._answer, logger=quiet,
+                subprotocols=[Subprotocol(name) for name in _PROTOCOLS], compression=None,
+                open_timeout=2.0, close_timeout=1.0, max_size=_MOST_BYTES)
         except OSError as error:
-            self._server.stop()
-            self._end_log()
             raise ConfigError(f'port: {port} cannot be served: {error.strerror}') from None
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    def _answer(self, connection: Any, request: Any) -> Any:
+        """Refuse a request, or answer one for a page; None lets a websocket begin."""
+        from websockets.datastructures import Headers
+        from websockets.http11 import Response
+        headers = request.headers
+        if problem := self.access.problem(request.path, headers.get_all('Host'),
+                                          headers.get_all('Origin')):
+            self._log.warning('live view: a client was refused: %s', problem)
+            return connection.respond(403, f'lunar_rover_sim: {problem}\n')
+        if headers.get_all('Upgrade'):
+            return None
+        status, kind, body = self.access.page(urlsplit(request.path).path, self._pages)
+        return Response(status.value, status.phrase, Headers({
+            'Content-Type': kind, 'Content-Length': str(len(body)), 'Connection': 'close',
+            'Cache-Control': 'no-store', 'Referrer-Policy': 'no-referrer'}), body)
+
+    def _attend(self, connection: Any) -> None:
+        """Talk to one client until it goes."""
+        client = _Client(connection)
+        with self._changing:
+            client.say(json.dumps(self._information()))
+            if self._channels:
+                client.say(_advertised(self._channels.values()))
+            if self._playback:
+                client.say(self._playback)
+            self._clients.add(client)
+        writer = threading.Thread(target=client.write, daemon=True)
+        writer.start()
+        try:
+            for data in connection:
+                try:
+                    self._hear(client, data)
+                except (ValueError, LookupError, TypeError, AttributeError, struct.error):
+                    client.say(json.dumps({'op': 'status', 'level': 2,
+                                           'message': 'this message cannot be understood'}))
+        finally:
+            with self._changing:
+                self._clients.discard(client)
+            client.end()
+
+    def _information(self) -> dict[str, Any]:
+        offered = ['time', *(['clientPublish'] if self._on_drive else ()),
+                   *(['playbackControl'] if self._recording else ())]
+        told = {'op': 'serverInfo', 'name': 'lunar_rover_sim', 'capabilities': offered,
+                'supportedEncodings': ['cdr'], 'metadata': {}, 'sessionId': str(os.getpid())}
+        for name, time_ns in zip(('dataStartTime', 'dataEndTime'), self._recording or ()):
+            told[name] = dict(zip(('sec', 'nsec'), divmod(time_ns, NS_PER_S)))
+        return told
+
+    def _hear(self, client: _Client, data: str | bytes) -> None:
+        """Do what a client says; raise what parsing raises."""
+        if isinstance(data, str):
+            told = json.loads(data)
+            if told['op'] == 'subscribe':
+                for one in told['subscriptions'][:_MOST_CHANNELS]:
+                    self._watch(client, int(one['id']), self._topics[one['channelId']])
+            elif told['op'] == 'unsubscribe':
+                for number in told['subscriptionIds']:
+                    client.topics.pop(number, None)
+            elif told['op'] == 'advertise':
+                for one in told['channels']:
+                    if one['schemaName'] == TWIST and one['encoding'] == 'cdr' \
+                            and len(client.driven) < _MOST_CHANNELS:
+                        client.driven[int(one['id'])] = str(one['topic'])
+            elif told['op'] == 'unadvertise':
+                for number in told['channelIds']:
+                    client.driven.pop(number, None)
+        elif data[0] == 1 and self._on_drive:
+            _, channel = _CLIENT_MESSAGE.unpack_from(data)
+            if channel in client.driven:
+                self._on_drive(client.driven[channel], data[_CLIENT_MESSAGE.size:])
+        elif data[0] == 3 and self._recording:
+            _, pauses, speed, seeks, seek_ns, length = _CONTROL.unpack_from(data)
+            if not 0.0 < speed <= 100.0:
+                raise ValueError(speed)
+            first_ns, last_ns = self._recording
+            self._on_control(Control(
+                not pauses, speed, min(max(seek_ns, first_ns), last_ns) if seeks else None,
+                data[_CONTROL.size:_CONTROL.size + length]))
+
+    def _watch(self, client: _Client, number: int, topic: str) -> None:
+        if not 0 <= number < 1 << 32:
+            raise ValueError(number)
+        if len(client.topics) < _MOST_CHANNELS or number in client.topics:
+            client.topics = {**client.topics, number: topic}    # `send` goes through the old one
+            self._on_watch(topic)
 
     def offer(self, topic: str, msgtype: str) -> bool:
         """Let clients watch a topic; return whether its type is one of ROS 2 Jazzy."""
@@ -117,36 +247,30 @@ class LiveView(Closing):
         if msgtype not in self._store.fielddefs:
             return False
         definition, _ = self._store.generate_msgdef(msgtype, ros_version=2)
-        self._open(topic, self._foxglove.Schema(name=msgtype, encoding='ros2msg',
-                                                data=definition.encode()))
+        with self._changing:
+            number = len(self._channels) + 1
+            self._channels[topic] = json.dumps({
+                'id': number, 'topic': topic, 'encoding': 'cdr', 'schemaName': msgtype,
+                'schema': definition, 'schemaEncoding': 'ros2msg'})
+            self._topics[number] = topic
+            for client in self._clients:
+                client.say(_advertised([self._channels[topic]]))
         return True
 
-    def _open(self, topic: str, schema: Any) -> None:
-        self._channels[topic] = self._foxglove.Channel(
-            topic, schema=schema, message_encoding='cdr', context=self._context)
-
-    def offer_again(self) -> None:
-        """Offer topics again for which a client's request was refused; call it regularly.
-
-        foxglove-sdk 0.30.3 advertises a channel before it takes requests for it: a client that
-        answers at once may be refused, and would wait for ever. It asks again for a new channel.
-        """
-        refused = set()
-        while not self._log.refused.empty():
-            refused.add(self._log.refused.get())
-        for topic, channel in list(self._channels.items()):
-            if channel.id() in refused:
-                schema = channel.schema()
-                channel.close()
-                self._open(topic, schema)
+    def _all(self) -> list[_Client]:
+        with self._changing:
+            return list(self._clients)
 
     def watched(self) -> set[str]:
         """Return the topics that any client watches."""
-        return {topic for topic, channel in self._channels.items() if channel.has_sinks()}
+        return {topic for client in self._all() for topic in list(client.topics.values())}
 
     def send(self, topic: str, stamp_ns: int, raw: bytes) -> None:
         """Send a serialised message of an offered topic to those who watch it."""
-        self._channels[topic].log(raw, log_time=stamp_ns)
+        for client in self._all():
+            for number, wanted in list(client.topics.items()):
+                if wanted == topic:
+                    client.send(_MESSAGE.pack(1, number, stamp_ns) + raw)
 
     def tell_time(self, time_ns: int) -> None:
         """Tell all clients what time it is [ns] in the stamps of the messages.
@@ -156,22 +280,35 @@ class LiveView(Closing):
         now_s = time.monotonic()
         if now_s - self._told_s >= _TELL_S:
             self._told_s = now_s
-            self._server.broadcast_time(time_ns)
+            for client in self._all():
+                client.send(_TIME.pack(2, time_ns))
+
+    def tell_playback(self, control: Control, now_ns: int, sought: bool) -> None:
+        """Tell all clients how the recording is played, and where it stands [ns]."""
+        answer = _PLAYBACK.pack(5, not control.playing, now_ns, control.speed, sought,
+                                len(control.request)) + control.request
+        with self._changing:
+            self._playback = _PLAYBACK.pack(5, not control.playing, now_ns, control.speed, False,
+                                            0)
+            for client in self._clients:
+                client.say(answer)
 
     def close(self) -> None:
         """Stop to serve."""
-        self._page.close()
-        self._server.stop()
-        self._end_log()
+        for client in self._all():      # one that does not read would wait for ever
+            with contextlib.suppress(OSError):
+                client.connection.socket.shutdown(socket.SHUT_RDWR)
+        self._server.shutdown()
 
-    def _end_log(self) -> None:
-        logging.getLogger('foxglove').removeHandler(self._log)
+
+def _advertised(channels: Iterable[str]) -> str:
+    return f'{{"op": "advertise", "channels": [{", ".join(channels)}]}}'
 
 
 def check_view(port: int, name: str = 'port') -> None:
-    """Raise ConfigError where foxglove-sdk is missing or a port is taken; name: of the port."""
-    if importlib.util.find_spec('foxglove') is None:
-        raise ConfigError('the live view needs foxglove-sdk; install it with: '
+    """Raise ConfigError where websockets is missing or a port is taken; name: of the port."""
+    if importlib.util.find_spec('websockets') is None:
+        raise ConfigError('the live view needs websockets; install it with: '
                           + with_extra('view'))
     if not 1024 <= port <= 65535:
         raise ConfigError(f'{name}: {port} is not valid; valid is 1024 to 65535')
@@ -184,18 +321,29 @@ def check_view(port: int, name: str = 'port') -> None:
 
 
 class ViewProcess:
-    """view_node as a process beside a run. The run goes on if it ends."""
+    """view_node as a process beside a run. The run goes on if it ends.
 
-    def __init__(self) -> None:
+    Attributes:
+        access: Its address.
+    """
+
+    def __init__(self, port: int, origins: Sequence[str] = ()) -> None:
+        check_view(port, '--view')
+        self.access = Access(port, origins)
+        self._port, self._origins = port, tuple(origins)
         self._process: subprocess.Popen[bytes] | None = None
         self._told_end = False
 
-    def start(self, domain: int, port: int, world: Path) -> None:
+    def start(self, domain: int, world: Path) -> None:
         """Start it in the graph of a ROS domain; world: folder of the world on the map."""
         command = [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', 'view_node',
-                   '--ros-args', '--log-level', 'warn', '-p', f'port:={port}',
+                   '--ros-args', '--log-level', 'warn', '-p', f'port:={self._port}',
                    '-p', f'world:={world}']
-        self._process = subprocess.Popen(dies_with_parent(command), env=ros_environment(domain),
+        if self._origins:
+            command += ['-p', f'allow_origin:={json.dumps(self._origins)}']
+        # Not as an argument: other users of the machine read those.
+        environment = {**ros_environment(domain), TOKEN_VARIABLE: self.access.token}
+        self._process = subprocess.Popen(dies_with_parent(command), env=environment,
                                          stdin=subprocess.DEVNULL, start_new_session=True)
 
     def early_end(self) -> str:

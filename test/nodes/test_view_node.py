@@ -28,7 +28,7 @@ def latched_description(peer: Peer) -> Publisher:
 
 def test_view_node_serves_what_is_watched(peer: Peer) -> None:
     """A client without ROS gets the bytes of messages; latched ones come to every client."""
-    pytest.importorskip('foxglove')
+    pytest.importorskip('websockets')
     from rclpy.serialization import deserialize_message
     from rosgraph_msgs.msg import Clock
     from std_msgs.msg import String
@@ -71,7 +71,7 @@ def test_view_node_serves_what_is_watched(peer: Peer) -> None:
 
 def test_view_node_hears_the_clock_before_what_has_no_stamp(peer: Peer) -> None:
     """A latched message comes at once; its first client gets it in simulated time too."""
-    pytest.importorskip('foxglove')
+    pytest.importorskip('websockets')
     from rosgraph_msgs.msg import Clock
     from view_client import client, free_port
     latched = latched_description(peer)

@@ -1,6 +1,7 @@
 """The live view: real bytes over a real socket, and its page in a browser."""
 
 from collections.abc import Callable, Iterator
+import contextlib
 import http.client
 import json
 from pathlib import Path
@@ -14,13 +15,17 @@ import numpy as np
 import pytest
 from waiting import LIMIT_S, wait_until
 
-pytest.importorskip('foxglove')
-from view_client import client, free_port  # noqa: E402  (needs the extra)
+pytest.importorskip('websockets')
+import browser  # noqa: E402  (needs the extra)
+from rosbags.typesys import get_typestore, Stores  # noqa: E402
+from view_client import client, free_port, TOKEN  # noqa: E402
+from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 
 from lunar_rover_sim.base.errors import ConfigError, GraphError  # noqa: E402
 from lunar_rover_sim.cli.main import main  # noqa: E402
 from lunar_rover_sim.image.camera.encoding import ENCODINGS  # noqa: E402
-from lunar_rover_sim.run.live_view import check_view, LiveView, ViewProcess  # noqa: E402
+from lunar_rover_sim.run.live_page import Access, TOKEN_VARIABLE  # noqa: E402
+from lunar_rover_sim.run.live_view import check_view, LiveView, TWIST, ViewProcess  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
 IMAGE, ODOM = 'sensor_msgs/msg/Image', 'nav_msgs/msg/Odometry'
@@ -46,29 +51,6 @@ def test_bytes_arrive() -> None:
             view.send('/odom', 123456789, b'\x00\x01\x00\x00 and so on')
             assert one.message() == (7, 123456789, b'\x00\x01\x00\x00 and so on')
         wait_until(lambda: not view.watched())
-
-
-def test_a_refused_request_is_not_the_end() -> None:
-    """The SDK refuses a client that asks too early; its topic is offered again, to be asked."""
-    port = free_port()
-    with LiveView(port) as view:
-        view.offer('/odom', ODOM)
-        with client(port) as one:
-            early = one.find('/odom')['id'] + 1
-            one.subscribe_channel(early)
-            assert one.refusal() == f'Unknown channel ID: {early}'
-            view.offer('/left', IMAGE)
-            assert one.find('/left')['id'] == early
-            del one.channels['/left']
-            view.offer_again()
-            assert one.find('/left')['id'] != early
-            one.subscribe('/left', 8)
-            wait_until(lambda: view.watched() == {'/left'})
-            view.send('/left', 5, b'an image')
-            assert one.message() == (8, 5, b'an image')
-            view.offer_again()      # only once
-            view.send('/left', 6, b'the next')
-            assert one.message() == (8, 6, b'the next')
 
 
 def test_slow_client() -> None:
@@ -140,15 +122,9 @@ def test_run_names_the_layout_where_it_is(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert main(['run', 'flat', '--world', 'any', '--view', str(free_port()), '-o', 'out']) == 1
     written = capsys.readouterr()
     assert 'far enough' in written.err
-    found = re.search('Lichtblick .*, layout (.*lunar_rover.json)', written.out)
+    found = re.search('layout: (.*lunar_rover.json)', written.out)
     assert found and Path(found[1]).is_absolute() and Path(found[1]).is_file()
 
-
-pytest.importorskip('foxglove')
-import browser  # noqa: E402  (needs the extra)
-from rosbags.typesys import get_typestore, Stores  # noqa: E402
-
-from lunar_rover_sim.run.live_view import TWIST  # noqa: E402
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 FACTS = {'drivers': [], 'half_extent_m': 25.6, 'rocks': [[1.0, 0.5, 0.2]]}
@@ -187,10 +163,10 @@ class Served:
     def __init__(self) -> None:
         self.port, self.driven, self.facts = free_port(), [], dict(FACTS)
 
-    def answer(self, method: str, path: str) -> http.client.HTTPResponse:
+    def answer(self, path: str) -> http.client.HTTPResponse:
         """Ask for a path over HTTP."""
         connection = http.client.HTTPConnection('127.0.0.1', self.port, timeout=LIMIT_S)
-        connection.request(method, path)
+        connection.request('GET', f'{path}?token={TOKEN}')
         return connection.getresponse()
 
 
@@ -204,19 +180,17 @@ def _served() -> Iterator[tuple[Served, LiveView]]:
 
 
 def test_the_port_of_the_websocket_serves_the_page(served: tuple[Served, LiveView]) -> None:
-    """A page, its scripts, and facts; what there is not is a 404, and only reading is allowed."""
+    """A page, its scripts, and facts; what there is not is a 404."""
     one, _ = served
-    page = one.answer('GET', '/')
+    page = one.answer('/')
     assert page.status == 200 and page.headers['Content-Type'].startswith('text/html')
     text = page.read().decode()
     for script in ('cdr.js', 'live.js'):
-        assert f'src="{script}"' in text
-        assert one.answer('GET', f'/{script}').read()
-    assert json.loads(one.answer('GET', '/live.json?x=1').read()) == FACTS
+        assert f'src="{script}?token={TOKEN}"' in text
+        assert one.answer(f'/{script}').read()
+    assert json.loads(one.answer('/live.json').read()) == FACTS
     for path in ('/map.png', '/nothing', '/../live_page.py', '/live.html/..'):
-        assert one.answer('GET', path).status == 404
-    assert one.answer('POST', '/').status == 405
-    assert one.answer('HEAD', '/').read() == b''
+        assert one.answer(path).status == 404
 
 
 def test_only_velocities_are_taken(served: tuple[Served, LiveView]) -> None:
@@ -224,15 +198,131 @@ def test_only_velocities_are_taken(served: tuple[Served, LiveView]) -> None:
     one, _ = served
     twist = b'\x00\x01\x00\x00' + struct.pack('<6d', 0.1, 0, 0, 0, 0, 0.2)
     with client(one.port) as sender:
-        connection = sender._connection
-        connection.send(json.dumps({'op': 'advertise', 'channels': [
-            {'id': 1, 'topic': '/cmd_vel', 'encoding': 'cdr', 'schemaName': TWIST},
-            {'id': 2, 'topic': '/goal', 'encoding': 'cdr',
-             'schemaName': 'geometry_msgs/msg/PoseStamped'}]}))
-        for channel in (2, 1):
-            connection.send(struct.pack('<BI', 1, channel) + twist)
+        sender.drive('/goal', twist, 'geometry_msgs/msg/PoseStamped')
+        sender.drive('/cmd_vel', twist)
         wait_until(lambda: one.driven)
     assert one.driven == [('/cmd_vel', twist)]
+
+
+STRANGERS = {
+    'another page': ('', {'Origin': 'https://evil.example'}),
+    'another page that knows the token': (f'?token={TOKEN}', {'Origin': 'https://evil.example'}),
+    'a page on another port of this machine': (f'?token={TOKEN}',
+                                               {'Origin': 'http://localhost:1'}),
+    'a page without an origin': (f'?token={TOKEN}', {'Origin': 'null'}),
+    'a name that leads here': (f'?token={TOKEN}', {'Host': 'evil.example:{port}'}),
+    'a name that leads here, of one origin': (f'?token={TOKEN}', {
+        'Host': 'evil.example:{port}', 'Origin': 'http://evil.example:{port}'}),
+    'a program without the token': ('', {}),
+    'a program with a wrong token': (f'?token={TOKEN[:-1]}', {}),
+    'a page of ours without the token': ('', {'Origin': 'http://localhost:{port}'}),
+}
+
+
+@pytest.mark.parametrize('stranger', STRANGERS)
+def test_strangers_neither_see_nor_drive(served: tuple[Served, LiveView], stranger: str) -> None:
+    """They get no file, no topic, no image, and their Twists go nowhere."""
+    one, view = served
+    view.offer('/stereo/left/image_raw', IMAGE)
+    query, headers = STRANGERS[stranger]
+    lines = {'Host': f'localhost:{one.port}', **{
+        name: value.format(port=one.port) for name, value in headers.items()}}
+    for upgrade in (False, True):
+        for path in ('/', '/live.js', '/live.json', '/map.png'):
+            extra = {'Connection': 'Upgrade', 'Upgrade': 'websocket', 'Sec-WebSocket-Version': 13,
+                     'Sec-WebSocket-Key': 'MTIzNDU2Nzg5MDEyMzQ1Ng=='} if upgrade else {}
+            with socket.create_connection(('127.0.0.1', one.port), LIMIT_S) as plain:
+                plain.sendall('\r\n'.join([f'GET {path}{query} HTTP/1.1', *(
+                    f'{name}: {value}' for name, value in {**lines, **extra}.items()),
+                    '', '']).encode())
+                plain.sendall(ADVERTISED + DRIVEN)
+                answer = b''
+                with contextlib.suppress(ConnectionError):
+                    while piece := plain.recv(4096):
+                        answer += piece
+            assert answer.startswith(b'HTTP/1.1 403'), (path, upgrade)
+            assert b'image_raw' not in answer and b'lunar_rover_sim' in answer
+    assert not one.driven and not view.watched()
+
+
+def frame(kind: int, data: bytes) -> bytes:
+    """Return a message of a client as it is on the wire, masked with zeros."""
+    return struct.pack('>BBH', 0x80 | kind, 0xFE, len(data)) + bytes(4) + data
+
+
+ADVERTISED = frame(1, json.dumps({'op': 'advertise', 'channels': [
+    {'id': 1, 'topic': '/cmd_vel', 'encoding': 'cdr', 'schemaName': TWIST}],
+    'padding': ' ' * 126}).encode())
+DRIVEN = frame(2, struct.pack('<BI', 1, 1) + bytes(4 + 48 + 100))
+
+
+def test_friends_see_and_drive(served: tuple[Served, LiveView]) -> None:
+    """The printed address, from its own page and from a program; another page that is named."""
+    one, _ = served
+    for name in ('localhost', '127.0.0.1'):
+        for origin in (None, f'http://{name}:{one.port}'):
+            with client(one.port, host=name, origin=origin) as friend:
+                friend.drive('/cmd_vel', bytes(52))
+                wait_until(lambda: one.driven)
+            one.driven.clear()
+    port = free_port()
+    with LiveView(port, origins=['https://app.foxglove.dev']) as view:
+        view.offer('/odom', ODOM)
+        with client(port, origin='https://app.foxglove.dev') as viewer:
+            assert viewer.find('/odom')
+        with pytest.raises(InvalidStatus), client(port, origin='https://evil.example'):
+            pass
+    for wrong in ('https://app.foxglove.dev/', '*', 'localhost'):
+        with pytest.raises(ConfigError, match='^allow_origin: '):
+            LiveView(free_port(), origins=[wrong])
+
+
+def test_tokens_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each view has a new one, unless the environment has one that cannot be guessed."""
+    monkeypatch.delenv(TOKEN_VARIABLE)
+    first, second = Access(8765), Access(8765)
+    assert first.token != second.token and len(first.token) > 20 and first.token in first.url
+    for short in ('secret', '<script>alert(1)</script>'):
+        monkeypatch.setenv(TOKEN_VARIABLE, short)
+        with pytest.raises(ConfigError, match=f'^{TOKEN_VARIABLE}: '):
+            Access(8765)
+
+
+@pytest.mark.parametrize('data', [
+    '', '[' * 60_000, '{"op": 1}', '[]', b'', b'\x01', b'\x03', '{"op": "subscribe"}',
+    '{"op": "subscribe", "subscriptions": [{"id": -1, "channelId": 1}]}',
+    '{"op": "subscribe", "subscriptions": [{"id": 4294967296, "channelId": 1}]}',
+    '{"op": "subscribe", "subscriptions": [{"id": 1, "channelId": {}}]}',
+    b'\x03\x00\x00\x00\x80\x7f' + bytes(13)])
+def test_nonsense_harms_nobody(served: tuple[Served, LiveView], data: str | bytes) -> None:
+    """A client that says it is told so or thrown out; others see what they saw."""
+    one, view = served
+    view.offer('/odom', ODOM)
+    with client(one.port) as good, client(one.port) as bad:
+        good.subscribe('/odom')
+        bad.find('/odom')
+        bad.send(data)
+        with contextlib.suppress(ConnectionClosed, TimeoutError):
+            bad._connection.recv(timeout=0.3)
+        wait_until(lambda: view.watched() == {'/odom'})
+        view.send('/odom', 5, b'a pose')
+        assert good.message() == (7, 5, b'a pose')
+
+
+@pytest.mark.skipif(browser.CHROMIUM is None, reason='there is no Chromium')
+def test_another_page_in_a_browser(served: tuple[Served, LiveView], tmp_path: Path) -> None:
+    """A page of another origin neither opens the websocket nor reads a file, token or not."""
+    one, _ = served
+    with browser.browser(tmp_path / 'profile') as page:
+        page.open('data:text/html,<title>evil</title>')
+        for query in ('', f'?token={TOKEN}'):
+            url = f'localhost:{one.port}/{query}'
+            assert page.value(
+                f"new Promise(done => {{ const s = new WebSocket('ws://{url}', "
+                "['foxglove.sdk.v1']); s.onopen = () => done('open'); "
+                "s.onerror = () => done('refused'); })") == 'refused'
+            assert page.value(f"fetch('http://{url}').then(() => 'read', () => 'refused')"
+                              ) == 'refused'
 
 
 @pytest.mark.skipif(browser.CHROMIUM is None, reason='there is no Chromium')
@@ -242,7 +332,7 @@ def test_the_page_in_a_browser(served: tuple[Served, LiveView], tmp_path: Path) 
     view.offer('/odom', ODOM)
     view.offer('/stereo/left/image_raw', IMAGE)
     with browser.browser(tmp_path / 'profile') as page:
-        page.open(f'http://localhost:{one.port}/')
+        page.open(view.access.url)
         stamps = iter(range(0, 10**12, 50_000_000))
 
         def sends_until(expression: str) -> None:
@@ -250,7 +340,6 @@ def test_the_page_in_a_browser(served: tuple[Served, LiveView], tmp_path: Path) 
             while not page.value(expression):
                 assert time.monotonic() < end_s, (expression, page.errors)
                 stamp_ns = next(stamps)
-                view.offer_again()
                 view.send('/odom', stamp_ns, odometry(1e-9 * stamp_ns))
                 view.send('/stereo/left/image_raw', stamp_ns, image())
 
@@ -284,12 +373,12 @@ def test_the_page_in_a_browser(served: tuple[Served, LiveView], tmp_path: Path) 
 def test_the_page_shows_images_of_each_encoding(served: tuple[Served, LiveView],
                                                 tmp_path: Path) -> None:
     """A cell of a mosaic has red and green in its upper row, green and blue in its lower one."""
-    one, _ = served
+    _, view = served
     cells = np.array([[10, 20, 30, 40], [50, 60, 70, 80]], np.uint8)
     coloured = [[10, 20, 60, 255]] * 2 + [[30, 40, 80, 255]] * 2
     grey = [[value] * 3 + [255] for value in (10, 20, 30, 40)]
     with browser.browser(tmp_path / 'profile') as page:
-        page.open(f'http://localhost:{one.port}/')
+        page.open(view.access.url)
         wait_until(lambda: page.value('typeof onImage') == 'function')
         for encoding in ENCODINGS:
             pixels = cells.astype('<u2') << 8 if encoding.endswith('16') else cells

@@ -10,7 +10,7 @@ from conftest import BLIND, command, PLAIN, processes_naming, SMALL, TINY
 import pytest
 from waiting import LIMIT_S
 
-pytest.importorskip('foxglove')
+pytest.importorskip('websockets')
 from rosbags.typesys import get_typestore, Stores  # noqa: E402
 from view_client import client, free_port  # noqa: E402  (needs the extra)
 

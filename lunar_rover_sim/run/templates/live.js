@@ -1,4 +1,5 @@
-// The page of the live view: camera, map and path, plots, and a stick that drives.
+// The page of the live view: camera, map and path, plots; a stick that drives a rover, or the time
+// line of a recording.
 // It speaks the websocket protocol of Foxglove to the server that served it.
 'use strict';
 
@@ -17,12 +18,13 @@ const handlers = new Map();       // topic -> what takes its messages
 const subscriptions = new Map();  // number -> topic
 let socket, facts = {}, scope = null, nextSubscription = 1, image = '';
 let path = [], pose = null, sun = null, series = {}, nowS = 0, shown = 0;
-let stick = {ahead: 0, turn: 0}, wasDriving = false, wantsFrame = false;
+let stick = {ahead: 0, turn: 0}, drivable = false, wasDriving = false, wantsFrame = false;
+let recording = null, seeking = false;     // {first, last [s], playing, speed}
 
 // Connection
 
 function connect() {
-  socket = new WebSocket(`ws://${location.host}`, [PROTOCOL]);
+  socket = new WebSocket(`ws://${location.host}/${location.search}`, [PROTOCOL]);
   socket.binaryType = 'arraybuffer';
   socket.onopen = () => { element('time').textContent = 'waiting for topics'; };
   socket.onclose = () => {
@@ -38,12 +40,24 @@ function connect() {
 }
 
 function told(message) {
+  if (message.op === 'serverInfo') informed(message);
   if (message.op === 'advertise') message.channels.forEach(offered);
   if (message.op === 'unadvertise') {
     for (const [topic, channel] of channels) {
       if (message.channelIds.includes(channel.id)) channels.delete(topic);
     }
   }
+}
+
+function informed({capabilities, dataStartTime, dataEndTime}) {
+  drivable = capabilities.includes('clientPublish');
+  element('driving').hidden = !drivable;
+  element('player').hidden = !dataStartTime;
+  if (!dataStartTime) return;
+  const [first, last] = [dataStartTime, dataEndTime].map((time) => time.sec + 1e-9 * time.nsec);
+  recording = {first, last, playing: true, speed: 1};
+  Object.assign(element('seek'), {min: first, max: last, value: first});
+  element('end').textContent = `${last.toFixed(2)} s`;
 }
 
 function offered(channel) {
@@ -64,8 +78,10 @@ function findRover(channel) {
   watch(channel.topic, onOdometry);
   watch(`${scope}/sun`, (message) => { sun = message.vector; });
   watch(`${scope}/map/traversability`, onGrid);
-  socket.send(JSON.stringify({op: 'advertise', channels: [
-    {id: DRIVE_CHANNEL, topic: `${scope}/cmd_vel`, encoding: 'cdr', schemaName: TWIST}]}));
+  if (drivable) {
+    socket.send(JSON.stringify({op: 'advertise', channels: [
+      {id: DRIVE_CHANNEL, topic: `${scope}/cmd_vel`, encoding: 'cdr', schemaName: TWIST}]}));
+  }
   for (const topic of channels.keys()) watchContact(topic);
   listImages();
 }
@@ -94,10 +110,8 @@ function leave(topic) {
 
 function received(buffer) {
   const view = new DataView(buffer);
-  if (view.getUint8(0) === 2) {
-    nowS = Number(view.getBigUint64(1, true)) * 1e-9;
-    element('time').textContent = `${nowS.toFixed(2)} s`;
-  }
+  if (view.getUint8(0) === 2) showTime(Number(view.getBigUint64(1, true)) * 1e-9);
+  if (view.getUint8(0) === 5) played(view);
   if (view.getUint8(0) !== 1) return;
   const topic = subscriptions.get(view.getUint32(1, true));
   const handler = handlers.get(topic), channel = channels.get(topic);
@@ -109,6 +123,44 @@ function received(buffer) {
     requestAnimationFrame(() => { wantsFrame = false; drawMap(); drawPlots(); });
   }
 }
+
+function showTime(timeS) {
+  nowS = timeS;
+  element('time').textContent = `${nowS.toFixed(2)} s`;
+  if (!seeking) element('seek').value = nowS;
+}
+
+// Time line of a recording
+
+function played(view) {
+  recording.playing = view.getUint8(1) === 0;
+  recording.speed = view.getFloat32(10, true);
+  element('play').textContent = recording.playing ? 'pause' : 'play';
+  showTime(Number(view.getBigUint64(2, true)) * 1e-9);
+  if (view.getUint8(14)) [path, series, pose] = [[], {}, null];     // it has jumped
+}
+
+function control(playing, seekS = null) {
+  if (!recording || socket.readyState !== 1) return;
+  const request = new DataView(new ArrayBuffer(19));
+  const time = Math.min(Math.max(seekS ?? 0, recording.first), recording.last);
+  request.setUint8(0, 3);
+  request.setUint8(1, playing ? 0 : 1);
+  request.setFloat32(2, recording.speed, true);
+  request.setUint8(6, seekS === null ? 0 : 1);
+  request.setBigUint64(7, BigInt(Math.round(1e9 * time)), true);
+  socket.send(request);
+}
+
+element('play').addEventListener('click', (event) => {
+  event.target.blur();      // or the space bar presses it again
+  control(!recording.playing);
+});
+element('seek').addEventListener('input', (event) => {
+  seeking = true;
+  control(recording.playing, Number(event.target.value));
+});
+element('seek').addEventListener('change', () => { seeking = false; });
 
 // Camera
 
@@ -312,7 +364,7 @@ function drive() {
   element('drive').textContent = others.length ?
     `${others.join(', ')} publishes cmd_vel; start the run with --teleop to drive here` :
     `${stick.ahead.toFixed(2)} m/s ahead, ${stick.turn.toFixed(2)} rad/s to the left`;
-  if (scope !== null && !others.length && (moves || wasDriving) && socket.readyState === 1) {
+  if (scope !== null && drivable && !others.length && (moves || wasDriving) && socket.readyState === 1) {
     const twist = encodeTwist(stick.ahead, stick.turn), bytes = new Uint8Array(5 + twist.length);
     bytes[0] = 1;
     new DataView(bytes.buffer).setUint32(1, DRIVE_CHANNEL, true);
@@ -351,8 +403,12 @@ for (const end of ['pointerup', 'pointercancel']) {
   element('pad').addEventListener(end, () => pull(0, 0));
 }
 addEventListener('keydown', (event) => {
-  if (!event.key.startsWith('Arrow')) return;
+  if (recording && event.key === ' ') control(!recording.playing);
+  else if (recording && event.key === 'ArrowLeft') control(recording.playing, nowS - 1);
+  else if (recording && event.key === 'ArrowRight') control(recording.playing, nowS + 1);
+  else if (!event.key.startsWith('Arrow')) return;
   event.preventDefault();
+  if (recording) return;
   pressed.add(event.key);
   followKeys();
 });
@@ -362,11 +418,11 @@ element('topics').addEventListener('change', (event) => showImage(event.target.v
 
 async function askFacts() {
   try {
-    facts = await (await fetch('live.json')).json();
+    facts = await (await fetch('live.json' + location.search)).json();
     if (facts.half_extent_m && !relief) {
       const picture = new Image();
       picture.onload = () => { relief = picture; };
-      picture.src = 'map.png';
+      picture.src = 'map.png' + location.search;
     }
   } catch { /* the run has ended: the connection tells */ }
 }

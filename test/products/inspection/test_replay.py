@@ -1,30 +1,30 @@
 """A bag played to a client of the live view."""
 
+from collections.abc import Iterator
 import contextlib
 from pathlib import Path
 import threading
+import time
 
 import pytest
 import synthetic_bag
 
-pytest.importorskip('foxglove')
+pytest.importorskip('websockets')
 from rosbags.typesys import get_typestore, Stores  # noqa: E402
-from view_client import client, free_port  # noqa: E402  (needs the extra)
+from view_client import Client, client, free_port  # noqa: E402  (needs the extra)
 
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.base import topics  # noqa: E402
 from lunar_rover_sim.products.inspection.replay import replay  # noqa: E402
 
 
-def test_a_bag_is_played_with_transforms(tmp_path: Path) -> None:
-    """A client gets each odometry with its stamp, and the tf that the bag lacks."""
-    items = synthetic_bag.drive(0.5, only=[topics.ODOM, topics.WORLD_HASH])
-    path = synthetic_bag.write(tmp_path / 'bag', items)
-    port, times, seen = free_port(), list[float](), threading.Event()
+@contextlib.contextmanager
+def played(path: Path) -> Iterator[Client]:
+    """Play a bag in a thread until the end of the block; give a client."""
+    port, ended = free_port(), threading.Event()
 
     def on_time(now_s: float) -> None:
-        times.append(now_s)
-        if seen.is_set():
+        if ended.is_set():
             raise StopIteration     # it would go on over and over
 
     def play() -> None:
@@ -33,6 +33,19 @@ def test_a_bag_is_played_with_transforms(tmp_path: Path) -> None:
     player = threading.Thread(target=play, daemon=True)
     player.start()
     with client(port) as one:
+        yield one
+        ended.set()
+        one.control(True)
+        player.join(30)
+    assert not player.is_alive()
+
+
+def test_a_bag_is_played_with_transforms(tmp_path: Path) -> None:
+    """A client gets each odometry with its stamp, and the tf that the bag lacks."""
+    items = synthetic_bag.drive(0.5, only=[topics.ODOM, topics.WORLD_HASH])
+    path = synthetic_bag.write(tmp_path / 'bag', items)
+    with played(path) as one:
+        assert one.told('serverInfo')['capabilities'] == ['time', 'playbackControl']
         one.subscribe('/tf', 8)
         one.subscribe('/odom', 7)
         with open_bag(path) as bag:
@@ -46,6 +59,33 @@ def test_a_bag_is_played_with_transforms(tmp_path: Path) -> None:
             else:
                 (transform,) = store.deserialize_cdr(data, topics.TF.type).transforms
                 assert transform.child_frame_id == 'base_link'
-        seen.set()
-        player.join(30)
-    assert times and not player.is_alive()
+
+
+def test_a_recording_pauses_and_seeks(tmp_path: Path) -> None:
+    """Paused it stands still, elsewhere it shows what was there, and latched topics at once."""
+    items = synthetic_bag.drive(4.0, only=[topics.ODOM, topics.WORLD_HASH])
+    with played(synthetic_bag.write(tmp_path / 'bag', items)) as one:
+        info = one.told('serverInfo')
+        assert info['dataEndTime'] == {'sec': 4, 'nsec': 0}
+        one.subscribe('/odom')
+        one.message()
+        one.control(False)
+        while one.playback()[0]:
+            pass
+        one.silent(0.3)
+        one.control(False, 3_000_000_000)
+        assert one.playback() == (False, 3_000_000_000, True)
+        assert one.message()[1] == 3_000_000_000
+        one.silent(0.3)
+        one.subscribe('/world_hash', 8)         # a topic that was sent once, at the beginning
+        number, stamp_ns, _ = one.message()
+        assert number == 8 and stamp_ns < 3_000_000_000
+        for beyond_ns, reached_ns in ((99_000_000_000, 4_000_000_000), (0, 0)):
+            one.control(False, beyond_ns)
+            assert one.playback()[1] == reached_ns
+        one.control(True, 2_000_000_000, speed=0.5)
+        assert one.playback() == (True, 2_000_000_000, True)
+        begun_s = time.monotonic()
+        while one.message()[1] < 2_300_000_000:
+            pass
+        assert time.monotonic() - begun_s > 0.5     # half as fast
