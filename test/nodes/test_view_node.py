@@ -1,6 +1,8 @@
 """view_node alone: what a client of its websocket gets."""
 
 import importlib.util
+import math
+import struct
 
 import pytest
 
@@ -87,3 +89,24 @@ def test_view_node_hears_the_clock_before_what_has_no_stamp(peer: Peer) -> None:
 
         peer.spin_until(lambda: latched.get_subscription_count() > 0, meanwhile=attend)
         assert first.message()[1] == 7_000_000_000
+
+
+def test_view_node_publishes_velocities_of_its_own_page_only(peer: Peer) -> None:
+    """What a client with the token drives arrives; other topics, NaN and strangers do not."""
+    pytest.importorskip('websockets')
+    from geometry_msgs.msg import Twist
+    from view_client import client, free_port
+    from websockets.exceptions import InvalidStatus
+    peer.node.create_publisher(Odometry, 'odom', 10)
+    heard = peer.listen(Twist, 'cmd_vel')
+    port = free_port()
+    with running('view_node', '-p', f'port:={port}'), client(port) as friend:
+        friend.find('/odom')
+        with pytest.raises(InvalidStatus), client(port, origin='https://evil.example'):
+            pass
+        for topic in ('/no such name/cmd_vel', '/odom', '/xcmd_vel'):
+            friend.drive(topic, struct.pack('<4x6d', 1, 0, 0, 0, 0, 1))
+        friend.drive('/cmd_vel', struct.pack('<4x6d', math.nan, 0, 0, 0, 0, 1))
+        peer.spin_until(lambda: heard, meanwhile=lambda: friend.drive(
+            '/cmd_vel', struct.pack('<4x6d', 0.1, 0, 0, 0, 0, 0.2)))
+    assert {(one.linear.x, one.angular.z) for one in heard} == {(0.1, 0.2)}
