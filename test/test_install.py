@@ -289,4 +289,5 @@ def test_bootstrap_refuses_nonsense() -> None:
     assert finished.returncode == 1
     assert finished.stdout == ''
     assert finished.stderr == \
-        "bootstrap: 'tset' is not valid; valid are: no argument, demo, docs, test, test --quick\n"
+        "bootstrap: 'tset' is not valid; valid are: no argument, demo, docs, lock, test, " \
+        'test --quick\n'
