@@ -13,15 +13,23 @@ from rasterio.warp import transform
 from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.base.files.library_output import stderr_to_log
+from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.site import reported_site, Site, site_towards, unit_vector
 
 logger = logging.getLogger(__name__)
 
-# Bodies of this radius are the Moon. The direction of north is taken over twice this step.
-_MOON_M = (1.73e6, 1.745e6)
-_NORTH_STEP_M = 50.0
+# Bodies of this radius are the Moon. Directions and lengths are taken over twice this step.
+MOON_M = (1.73e6, 1.745e6)
+_STEP_M = 50.0
 _AUTHORITY = re.compile(r'(\w+):(\w+)')
+_ELLIPSOID = re.compile(r'(?:SPHEROID|ELLIPSOID)\["[^"]*",\s*([0-9.eE+-]+)')
+
+
+def body_radius_m(crs: CRS) -> float | None:
+    """Return the equatorial radius of the body of a CRS; None for a CRS on no body."""
+    found = _ELLIPSOID.search(crs.to_wkt())
+    return float(found.group(1)) if found else None
 
 
 def lon_lat_crs(crs: CRS) -> CRS:
@@ -29,6 +37,12 @@ def lon_lat_crs(crs: CRS) -> CRS:
     body = crs.to_dict()
     keys = {k: body[k] for k in ('R', 'a', 'b', 'rf', 'ellps', 'datum') if k in body}
     return CRS.from_dict(proj='longlat', no_defs=True, **(keys or {'R': 1737400.0}))
+
+
+def local_crs(crs: CRS, lon_deg: float, lat_deg: float) -> CRS:
+    """Return metres east and north of a place: azimuthal equidistant, on the body of a CRS."""
+    return CRS.from_dict(proj='aeqd', lon_0=lon_deg, lat_0=lat_deg, R=body_radius_m(crs),
+                         units='m', no_defs=True)
 
 
 def transformed(source: CRS, target: CRS, x: float, y: float) -> tuple[float, float] | None:
@@ -40,13 +54,43 @@ def transformed(source: CRS, target: CRS, x: float, y: float) -> tuple[float, fl
     return (float(xs[0]), float(ys[0])) if np.all(np.isfinite([*xs, *ys])) else None
 
 
+def metres_per_unit(crs: CRS) -> float:
+    """Return the length of a unit of coordinates; of an angle, along the equator."""
+    if crs.is_geographic:
+        return (body_radius_m(crs) or 0.0) * float(crs.units_factor[1])
+    return float(crs.linear_units_factor[1])
+
+
+def local_scale(crs: CRS, x: float, y: float) -> Array | None:
+    """Return metres east and north per unit of x and of y at a place; None where there are none.
+
+    The first column of the (2, 2) matrix is what a unit of x is on the ground, the second what a
+    unit of y is. In a projection without distortion it is a rotation times the length of the unit.
+    """
+    sphere, radius = lon_lat_crs(crs), body_radius_m(crs)
+    here = transformed(crs, sphere, x, y)
+    if here is None or radius is None:
+        return None
+    step = _STEP_M / metres_per_unit(crs)
+    axes = Site(*here).rotation_enu_moon()[:2] * radius
+    columns = []
+    for dx, dy in ((step, 0.0), (0.0, step)):
+        # At the edge of a projection, as at a pole in longitude and latitude, only one side is.
+        ends = [(sign, transformed(crs, sphere, x + sign * dx, y + sign * dy))
+                for sign in (1.0, 0.0, -1.0)]
+        (high, there), *_, (low, back) = [(sign, end) for sign, end in ends if end is not None]
+        if high == low:
+            return None
+        columns.append(axes @ (unit_vector(*there) - unit_vector(*back)) / ((high - low) * step))
+    return np.stack(columns, axis=1)
+
+
 def site_of(crs: CRS, x: float, y: float) -> Site | None:
     """Return the place of projected coordinates; None if the CRS is of another body."""
     sphere = lon_lat_crs(crs)
-    radius = sphere.to_dict().get('R') or sphere.to_dict().get('a') or 0.0
-    if not _MOON_M[0] <= radius <= _MOON_M[1]:
+    if not MOON_M[0] <= (body_radius_m(crs) or 0.0) <= MOON_M[1]:
         return None
-    step = _NORTH_STEP_M / float(crs.linear_units_factor[1])
+    step = _STEP_M / metres_per_unit(crs)
     here, south, north = (transformed(crs, sphere, x, y + dy) for dy in (0.0, -step, step))
     if here is None or south is None or north is None:
         return None

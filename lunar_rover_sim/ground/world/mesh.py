@@ -15,6 +15,7 @@ from lunar_rover_sim.base.errors import one_line, WorldError
 from lunar_rover_sim.base.files.paths import check_regular, user_path
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.fill import harmonic_fill
+from lunar_rover_sim.ground.world.missing_data import max_step_m
 from lunar_rover_sim.ground.world.raster import MAX_HEIGHT_M
 from lunar_rover_sim.ground.world.tile import Tile
 
@@ -213,6 +214,7 @@ def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:
         raise WorldError(f'{path}: its heights differ by {height_m:g} m, more than any on the '
                          f'Moon; valid is up to {2.0 * MAX_HEIGHT_M:g} m; mend its vertices, or '
                          'set world.mesh.scale')
+    _refuse_spikes(path, triangles)
     a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     flat = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     total = np.linalg.norm(np.cross(a, b), axis=1).sum()
@@ -223,3 +225,23 @@ def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:
         # The faces of an open surface are wound the other way round: turn them to look up.
         triangles = triangles[:, ::-1]
     return triangles
+
+
+def _refuse_spikes(path: pathlib.Path, triangles: NDArray[np.float64]) -> None:
+    """Raise WorldError if a vertex stands off all of its neighbours as no ground does.
+
+    A wall is none: its vertices have neighbours beside them.
+    """
+    edges = triangles - np.roll(triangles, -1, axis=1)
+    steep = np.abs(edges[..., 2]) > max_step_m(np.hypot(edges[..., 0], edges[..., 1]))
+    tips = steep & np.roll(steep, 1, axis=1)        # both edges of a corner are
+    if not tips.any():
+        return
+    _, vertex = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    vertex = vertex.reshape(tips.shape)
+    spikes = np.setdiff1d(vertex[tips], vertex[~tips])
+    if len(spikes):
+        x, y, z = triangles[vertex == spikes[0]][0]
+        raise WorldError(f'{path}: the vertex at x {x:.6g}, y {y:.6g}, z {z:.6g} m stands off all '
+                         'of its neighbours as no ground does; mend the mesh, or set '
+                         'world.mesh.scale')

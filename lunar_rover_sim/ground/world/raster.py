@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.fill import harmonic_fill
+from lunar_rover_sim.ground.world.missing_data import ADVICE, all_marked, marked, steepest, Suspect
 from lunar_rover_sim.ground.world.tile import Tile
 
 logger = logging.getLogger(__name__)
 
 MAX_HEIGHT_M = 1e5  # beyond any height on the Moon: a marker for missing data
+MAX_PIXEL_M = 1e6
 _PAD_PIXELS = 3
-# Neighbouring pixels of any ground differ by less: 84 deg up to 30 m of distance and 45 deg
-# beyond, or a step of 30 m in a fine model.
-_MAX_SLOPE, _MAX_FAR_SLOPE, _NEAR_M, _MAX_STEP_M = 10.0, 1.0, 30.0, 30.0
 _CHECKED_PIXELS = 1 << 22       # at once
 _MOST_CHECKED = 1 << 26         # at full resolution; larger areas are checked as they are averaged
+_MOST_READ = 1 << 33            # for one level: some minutes
 
 
 class Raster(abc.ABC):
@@ -42,7 +42,15 @@ class Raster(abc.ABC):
 
     @abc.abstractmethod
     def read(self, rows: slice, columns: slice, factor: int) -> tuple[NDArray, NDArray]:
-        """Return heights [m] averaged over factor x factor pixels, and where there are data."""
+        """Return values averaged over factor x factor pixels, and where there are data."""
+
+    @abc.abstractmethod
+    def read_raw(self, rows: slice, columns: slice) -> NDArray:
+        """Return values as the file holds them; masked where it says that there are none."""
+
+    def to_metres(self, values: NDArray) -> NDArray:
+        """Return the heights that values of the file stand for."""
+        return np.asarray(values, float) * self.config.dem.height_scale
 
     @abc.abstractmethod
     def close(self) -> None:
@@ -99,7 +107,7 @@ class Raster(abc.ABC):
                                                else ' or set world.dem.nodata to fill'))
             logger.warning('%s: %d of %d pixels without data are filled', self.path, missing,
                            known.size)
-        self._check_relief(heights, known, 1, 'the window')
+        self._check_pixels_of(half, self.config.cell_m, 'the window')
         if heights[known].min() == heights[known].max():
             logger.warning('%s: all heights in the window are %g m', self.path,
                            heights[known].min())
@@ -109,40 +117,13 @@ class Raster(abc.ABC):
                                  + middle[middle.shape[0] // 2, middle.shape[1] // 2])
         self.report['pixel_m'] = [self.pixel_x_m, self.pixel_y_m]
 
-    def _check_relief(self, heights: NDArray, known: NDArray, factor: int, where: str) -> None:
-        """Raise WorldError if neighbours differ as no ground does: an undeclared no-data value.
-
-        Args:
-            heights: As `_window` returns them, row 0 south.
-            known: Where there are data.
-            factor: Pixels of the file that a height is the mean of, along each side.
-            where: For the message.
-
-        Raises:
-            WorldError: Neighbours differ by more than a slope of any ground.
-        """
-        apart_m = factor * self.pixel_m
-        most_m = max(_MAX_SLOPE * min(apart_m, _NEAR_M)
-                     + _MAX_FAR_SLOPE * max(apart_m - _NEAR_M, 0.0), _MAX_STEP_M)
-        for axis in (0, 1):
-            step = np.abs(np.diff(heights, axis=axis))
-            both = known[1:] & known[:-1] if axis == 0 else known[:, 1:] & known[:, :-1]
-            step[~both] = 0.0
-            if step.size and step.max() > most_m:
-                j, i = np.unravel_index(int(np.argmax(step)), step.shape)
-                pair = heights[j, i], heights[j + (axis == 0), i + (axis == 1)]
-                raise WorldError(
-                    f'{self.path}: {max(pair, key=abs):g} m beside {min(pair, key=abs):g} m in '
-                    f'{where}; valid are steps of at most {most_m:g} m between pixels; if one '
-                    'of them marks missing data, declare it (`gdal_edit.py -a_nodata`, or NaN in '
-                    'dem.npy)')
-
     def tile(self, half_extent_m: float, cell_m: float) -> Tile | None:
         """Return the heights in [-h, h]^2, averaged to about a cell; None if there are none."""
         heights, known, x, y = self._window(half_extent_m, cell_m)
         if min(heights.shape) < 2 or not known.any():
             return None
-        self._check_tile(half_extent_m, cell_m, heights, known)
+        self._check_pixels_of(half_extent_m, cell_m,
+                              f'the {2.0 * half_extent_m:.4g} m around the origin')
         if not known.all() and half_extent_m > self.config.size_m and not self._has_told_gaps:
             self._has_told_gaps = True
             logger.warning('%s: %d of %d pixels around the window have no data and are filled',
@@ -150,22 +131,47 @@ class Raster(abc.ABC):
         heights = harmonic_fill((heights - self.reference_m).astype(np.float32), known)
         return Tile(heights, x, y, float(max(x[1] - x[0], y[1] - y[0])))
 
-    def _check_tile(self, half_m: float, cell_m: float, heights: NDArray, known: NDArray) -> None:
-        """Check the relief of what a level shows, pixel by pixel where it is not too large."""
-        factor, rows, columns = self._extent(half_m, cell_m)
-        where = f'the {2.0 * half_m:.4g} m around the origin'
-        wide, high = columns.stop - columns.start, rows.stop - rows.start
-        if factor == 1 or wide * high > _MOST_CHECKED:
-            self._check_relief(heights, known, factor, where)
-            return
-        strip = max(_CHECKED_PIXELS // wide, 2)
-        for start in range(rows.start, rows.stop - 1, strip - 1):      # they share a row
-            part = slice(start, min(start + strip, rows.stop))
-            self._check_relief(*self._known(*self.read(part, columns, 1)), 1, where)
+    def _check_pixels_of(self, half_m: float, cell_m: float, where: str) -> None:
+        """Raise WorldError if a part of the file holds marks of missing data that are undeclared.
 
-    def _known(self, heights: NDArray, known: NDArray) -> tuple[NDArray, NDArray]:
-        """Return scaled heights, 0 where there are none, and where there are data."""
-        heights = np.asarray(heights, float) * self.config.dem.height_scale
+        It is read pixel by pixel where it is not too large, else as it is averaged.
+        """
+        factor, rows, columns = self._extent(half_m, cell_m)
+        wide, high = columns.stop - columns.start, rows.stop - rows.start
+        if wide * high > _MOST_CHECKED:
+            heights, known = self._known(*self.read(rows, columns, factor))
+            self._refuse(steepest(heights, known, factor * self.pixel_m), rows.start,
+                         columns.start, factor, where)
+            return
+        strip = max(_CHECKED_PIXELS // max(wide, 1), 2)
+        marks: set[float | None] = set()
+        for start in range(rows.start, max(rows.stop - 1, rows.start + 1), strip - 1):
+            part = slice(start, min(start + strip, rows.stop))     # they share a row
+            values = self.read_raw(part, columns)
+            raw = np.ma.getdata(values)
+            heights, known = self._known(raw, ~np.ma.getmaskarray(values))
+            self._refuse(steepest(heights, known, self.pixel_m)
+                         or marked(raw, heights, known, (self.pixel_y_m, self.pixel_x_m)),
+                         start, columns.start, 1, where)
+            marks.add(all_marked(raw, known) if known.any() else None)
+        if len(marks) == 1 and None not in marks:
+            raise WorldError(f'{self.path}: all pixels in {where} are {marks.pop():g}, a mark of '
+                             f'missing data; {ADVICE}; or move world.dem.center')
+
+    def _refuse(self, suspect: Suspect | None, row: int, column: int, factor: int,
+                where: str) -> None:
+        """Raise WorldError that says where a suspect is, in a part that begins at a pixel."""
+        if suspect is None:
+            return
+        x = (column + (suspect.column + 0.5) * factor - self.column0) * self.pixel_x_m
+        y = (row + (suspect.row + 0.5) * factor - self.row0) * self.pixel_y_m
+        raise WorldError(f'{self.path}: x {x:.6g}, y {y if self.south_up else -y:.6g} m in '
+                         f'{where}: {suspect.text}')
+
+    def _known(self, values: NDArray, known: NDArray) -> tuple[NDArray, NDArray]:
+        """Return heights, 0 where there are none, and where there are data."""
+        with np.errstate(invalid='ignore'):     # signalling NaN, which is refused as NaN is
+            heights = self.to_metres(values)
         known = known & np.isfinite(heights) & (np.abs(np.nan_to_num(heights)) < MAX_HEIGHT_M)
         return np.where(known, heights, 0.0), known
 
@@ -175,6 +181,11 @@ class Raster(abc.ABC):
         factor = max(int(cell_m / self.pixel_m), 1)
         c0, c1 = _clip(self.column0, half_m / self.pixel_x_m, self.width, factor)
         r0, r1 = _clip(self.row0, half_m / self.pixel_y_m, self.height, factor)
+        if (c1 - c0) * (r1 - r0) > _MOST_READ:
+            raise WorldError(f'{self.path}: {2.0 * half_m:.4g} m are {c1 - c0} x {r1 - r0} pixels '
+                             f'of {self.pixel_x_m:g} x {self.pixel_y_m:g} m; valid are at most '
+                             f'{_MOST_READ}: resample it with `gdalwarp -tr`, or make '
+                             'world.size_m or world.surroundings.extent_m smaller')
         return factor, slice(r0, r1), slice(c0, c1)
 
     def _window(self, half_m: float,

@@ -176,7 +176,7 @@ def test_an_absurd_height_is_a_gap(tmp_path, kind):
     with pytest.raises(WorldError, match=r'1 of \d+ pixels in the window have no data'):
         opened(path)
     heights[25, 20] = -0.9e5
-    with pytest.raises(WorldError, match='-90000 m beside 500.* m in the window'):
+    with pytest.raises(WorldError, match='in the window: -90000 m beside 500'):
         opened(write(tmp_path / 'deep', kind, False, heights))
     heights += 1.0e5 - heights.max() - 1.0      # a whole file of great heights is one
     heights[25, 20] = heights[25, 21]
