@@ -49,6 +49,7 @@ _SAME_SCALE = 0.005     # a projection that is truer than this is taken as it is
 _CYLINDRICAL = ('eqc', 'merc', 'cea', 'mill')
 _LEAST_ASPECT = 1 / 16  # of the sides of a resampled pixel
 _UNIT = re.compile(r'UNIT\["[^"]*",\s*([0-9.eE+-]+)')
+_MOST_SIDE = 1 << 30     # pixels, for GDAL
 _EDGE_POINTS = 65       # along each edge of a file
 
 
@@ -90,7 +91,7 @@ class GeoRaster(Raster):
         if dem.band > data.count:
             raise WorldError(f'world.dem.band: {dem.band}; {self.path} has {data.count}')
         kind, colour = data.dtypes[dem.band - 1], data.colorinterp[dem.band - 1]
-        if np.dtype(kind).kind not in 'iuf':
+        if kind.startswith('complex') or np.dtype(kind).kind not in 'iuf':
             raise WorldError(f'{self.path}: {kind} is not a type for heights')
         if colour in _COLOURS or (kind in ('uint8', 'int8') and dem.height_scale == 1.0):
             raise WorldError(f'{self.path}: band {dem.band} ({kind}, {colour.name}) is a picture, '
@@ -170,8 +171,9 @@ class GeoRaster(Raster):
 
     def _refuse_turned(self, grid: Affine) -> None:
         if grid.b or grid.d or grid.a <= 0.0:
-            raise WorldError(f'{self.path}: its rows do not run west to east, and it has no CRS '
-                             'or a size of pixels of the user; rewrite it with `gdalwarp`')
+            raise WorldError(f'{self.path}: its rows do not run west to east, and without a CRS, '
+                             'or with world.dem.pixel_m, it is not resampled; rewrite it with '
+                             '`gdalwarp`')
 
     def _refuse_center_mode(self) -> None:
         raise WorldError(f'world.dem.center_mode: {self.config.dem.center_mode}; {self.path} has '
@@ -253,6 +255,10 @@ class GeoRaster(Raster):
         west, south = (max(int(-(-v // s)), int(-half // s)) for v, s in zip(low, sides_m))
         east, north = (min(int(v // s), int(-(-half // s))) for v, s in zip(high, sides_m))
         self.width, self.height = max(east - west, 1), max(north - south, 1)
+        if max(self.width, self.height) > _MOST_SIDE:
+            raise WorldError(f'{self.path}: its pixels are {self.pixel_x_m:g} x '
+                             f'{self.pixel_y_m:g} m, {self.width} x {self.height} for the world; '
+                             'resample it with `gdalwarp -tr`')
         self.column0, self.row0 = float(-west), float(north)
         place = Affine(self.pixel_x_m, 0.0, west * self.pixel_x_m,
                        0.0, -self.pixel_y_m, north * self.pixel_y_m)
