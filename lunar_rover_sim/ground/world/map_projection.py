@@ -69,7 +69,7 @@ def local_scale(crs: CRS, x: float, y: float) -> Array | None:
     """
     sphere, radius = lon_lat_crs(crs), body_radius_m(crs)
     here = transformed(crs, sphere, x, y)
-    if here is None or radius is None:
+    if here is None or radius is None or abs(here[1]) > 90.0:
         return None
     step = _STEP_M / metres_per_unit(crs)
     axes = Site(*here).rotation_enu_moon()[:2] * radius

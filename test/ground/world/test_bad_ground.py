@@ -1,5 +1,6 @@
 """Elevation models and meshes that are wrong without saying so: units, marks, geotransforms."""
 
+from ground.world.elevation_models import config, hills, MOON, refused, write_tiff
 import numpy as np
 import pytest
 import rasterio
@@ -7,7 +8,6 @@ from rasterio.crs import CRS
 import trimesh
 import worlds
 
-from ground.world.elevation_models import config, hills, MOON, refused, write_tiff
 from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.base.parameters import merge
 from lunar_rover_sim.ground.world.build import build_world

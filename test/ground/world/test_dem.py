@@ -7,6 +7,7 @@ import pathlib
 import struct
 import tracemalloc
 
+from ground.world.elevation_models import config, hills, MOON, refused, write_tiff
 import numpy as np
 import pytest
 import rasterio
@@ -15,7 +16,6 @@ from rasterio.transform import from_origin
 from rasterio.warp import transform
 import worlds
 
-from ground.world.elevation_models import config, hills, MOON, refused, write_tiff
 from lunar_rover_sim.base.errors import ConfigError, WorldError
 from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.config import WorldConfig

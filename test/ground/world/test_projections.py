@@ -6,13 +6,13 @@ not by PROJ.
 
 import math
 
+from ground.world.elevation_models import config, refused
 import numpy as np
 import pytest
 import rasterio
 from rasterio.crs import CRS
 import worlds
 
-from ground.world.elevation_models import config, refused
 from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.dem import dem_site, open_dem
 from lunar_rover_sim.ground.world.map_projection import site_in_world
