@@ -11,14 +11,23 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.base.compiled import compiled, vectorised
+from lunar_rover_sim.base.compiled import compiled
 from lunar_rover_sim.image.camera.encoding import is_bayer
+
+F32 = NDArray[np.float32]
 
 TINT_ONE = 0.25     # of full scale: how a drawn tint stores a ratio of 1
 
-_ZERO, _HALF, _ONE, _TWO, _FOUR, _FIVE, _SIX = (np.float32(x) for x in (0, 0.5, 1, 2, 4, 5, 6))
-_EIGHTH, _THREE_HALVES, _LEAST = np.float32(0.125), np.float32(1.5), np.float32(1e-9)
+_ZERO, _HALF, _ONE, _LEAST = (np.float32(x) for x in (0.0, 0.5, 1.0, 1e-9))
 _PER_CODE = np.float32(1.0 / (TINT_ONE * 65535.0))
+# Green at a red or blue pixel; the colour of the neighbours in its row at a green one; red at a blue
+# one, and blue at a red one.
+_GREEN = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0],
+                   [0, 0, -1, 0, 0]], np.float32) / 8
+_BESIDE = np.array([[0, 0, 1, 0, 0], [0, -2, 0, -2, 0], [-2, 8, 10, 8, -2], [0, -2, 0, -2, 0],
+                    [0, 0, 1, 0, 0]], np.float32) / 16
+_DIAGONAL = np.array([[0, 0, -3, 0, 0], [0, 4, 0, 4, 0], [-3, 0, 12, 0, -3], [0, 4, 0, 4, 0],
+                      [0, 0, -3, 0, 0]], np.float32) / 16
 
 
 def interpolated(mosaic: NDArray[Any]) -> NDArray[Any]:
@@ -28,64 +37,25 @@ def interpolated(mosaic: NDArray[Any]) -> NDArray[Any]:
     (Malvar, He and Cutler, 2004, High-quality linear interpolation for demosaicing of
     Bayer-patterned color images, ICASSP), as drivers of cameras do it.
     """
-    planes = np.empty((3, *mosaic.shape), mosaic.dtype)
-    # The border mirrors the image: colours keep their order.
-    _demosaiced(cv2.copyMakeBorder(mosaic, 2, 2, 2, 2, cv2.BORDER_REFLECT_101),
-                np.float32(np.iinfo(mosaic.dtype).max), planes)
-    return np.asarray(cv2.merge(list(planes)))
+    own, most = mosaic.astype(np.float32), np.iinfo(mosaic.dtype).max
+
+    def seen(weights: F32) -> NDArray[Any]:
+        # Sums of such numbers are exact. The border mirrors the image: colours keep their order.
+        return np.clip(cv2.filter2D(own, -1, weights, delta=0.5,
+                                    borderType=cv2.BORDER_REFLECT_101), 0, most).astype(
+                                        mosaic.dtype)
+    green, beside, over, diagonal = map(seen, (_GREEN, _BESIDE, _BESIDE.T.copy(), _DIAGONAL))
+    planes = cv2.merge([mosaic, mosaic, mosaic])
+    planes[::2, ::2, 1:] = cv2.merge([green, diagonal])[::2, ::2]
+    planes[::2, 1::2, ::2] = cv2.merge([beside, over])[::2, 1::2]
+    planes[1::2, ::2, ::2] = cv2.merge([over, beside])[1::2, ::2]
+    planes[1::2, 1::2, :2] = cv2.merge([diagonal, green])[1::2, 1::2]
+    return planes
 
 
 def shown(pixels: NDArray[Any], encoding: str) -> NDArray[Any]:
     """Return pixels of a sensor as a picture: a mosaic as red, green, blue, others as they are."""
     return interpolated(pixels) if is_bayer(encoding) else pixels
-
-
-@vectorised
-def _demosaiced(mosaic, most, planes):  # type: ignore[no-untyped-def]
-    """Fill in the (3, h, w) colours of an (h + 4, w + 4) mosaic; most: largest number.
-
-    Sums of such numbers are exact.
-    """
-    h, w = planes.shape[1:]
-    # A row; sums of the pixels above and below it, and of those two rows away; odd columns.
-    rows = np.empty((4, w + 4), np.float32)
-    row, beside, beyond, odd = rows[0], rows[1], rows[2], rows[3]
-    own, west, east = row[2:w + 2], row[1:w + 1], row[3:w + 3]
-    far_west, far_east = row[:w], row[4:]
-    above, left, right, far = beside[2:w + 2], beside[1:w + 1], beside[3:w + 3], beyond[2:w + 2]
-    for c in range(w + 4):
-        odd[c] = np.float32(c & 1)
-    for r in range(h):
-        nn, n, middle, s, ss = (mosaic[r], mosaic[r + 1], mosaic[r + 2], mosaic[r + 3],
-                                mosaic[r + 4])
-        for c in range(w + 4):
-            row[c] = middle[c]
-        for c in range(w + 4):
-            beside[c] = np.float32(n[c]) + np.float32(s[c])
-        for c in range(w + 4):
-            beyond[c] = np.float32(nn[c]) + np.float32(ss[c])
-        # Red and green pixels lie in even rows, green and blue ones in odd rows.
-        k = r & 1
-        coloured = odd[1 - k:]
-        same, green, other = planes[2 * k, r], planes[1, r], planes[2 - 2 * k, r]
-        for c in range(w):
-            value = _EIGHTH * (_FOUR * own[c] + _TWO * (above[c] + (west[c] + east[c]))
-                               - ((far_west[c] + far_east[c]) + far[c]))
-            value = value if coloured[c] > _HALF else own[c]
-            green[c] = np.int32(min(max(value + _HALF, _ZERO), most))
-        for c in range(w):
-            value = _EIGHTH * (_FIVE * own[c] + _FOUR * (west[c] + east[c]) - (left[c] + right[c])
-                               - (far_west[c] + far_east[c]) + _HALF * far[c])
-            value = own[c] if coloured[c] > _HALF else value
-            same[c] = np.int32(min(max(value + _HALF, _ZERO), most))
-        for c in range(w):
-            diagonal, along = left[c] + right[c], far_west[c] + far_east[c]
-            value = _EIGHTH * (_FIVE * own[c] + _FOUR * above[c] - diagonal - far[c]
-                               + _HALF * along)
-            opposite = _EIGHTH * (_SIX * own[c] + _TWO * diagonal
-                                  - _THREE_HALVES * (far[c] + along))
-            value = opposite if coloured[c] > _HALF else value
-            other[c] = np.int32(min(max(value + _HALF, _ZERO), most))
 
 
 @compiled
