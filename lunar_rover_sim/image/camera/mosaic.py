@@ -14,14 +14,12 @@ from numpy.typing import NDArray
 from lunar_rover_sim.base.compiled import compiled
 from lunar_rover_sim.image.camera.encoding import is_bayer
 
-F32 = NDArray[np.float32]
-
 TINT_ONE = 0.25     # of full scale: how a drawn tint stores a ratio of 1
 
 _ZERO, _HALF, _ONE, _LEAST = (np.float32(x) for x in (0.0, 0.5, 1.0, 1e-9))
 _PER_CODE = np.float32(1.0 / (TINT_ONE * 65535.0))
-# Green at a red or blue pixel; the colour of the neighbours in its row at a green one; red at a blue
-# one, and blue at a red one.
+# Green at red and blue pixels; at green ones the colour of the neighbours in the row; red at blue
+# ones, and blue at red ones.
 _GREEN = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0],
                    [0, 0, -1, 0, 0]], np.float32) / 8
 _BESIDE = np.array([[0, 0, 1, 0, 0], [0, -2, 0, -2, 0], [-2, 8, 10, 8, -2], [0, -2, 0, -2, 0],
@@ -39,7 +37,7 @@ def interpolated(mosaic: NDArray[Any]) -> NDArray[Any]:
     """
     own, most = mosaic.astype(np.float32), np.iinfo(mosaic.dtype).max
 
-    def seen(weights: F32) -> NDArray[Any]:
+    def seen(weights: NDArray[Any]) -> NDArray[Any]:
         # Sums of such numbers are exact. The border mirrors the image: colours keep their order.
         return np.clip(cv2.filter2D(own, -1, weights, delta=0.5,
                                     borderType=cv2.BORDER_REFLECT_101), 0, most).astype(

@@ -1,24 +1,35 @@
-"""Hapke's bidirectional reflectance of a particulate surface: the reference implementation.
+"""Hapke's bidirectional reflectance of a particulate surface.
 
 r(i, e, g) = w / (4 pi) mu0e / (mu0e + mue) [(1 + B(g)) p(g) + H(mu0e) H(mue) - 1] S(i, e, psi)
 
 after Hapke, "Theory of Reflectance and Emittance Spectroscopy", 2nd ed., 2012: eq. 9.47 (shadow
 hiding opposition effect B, isotropic multiple scattering), 6.7 (two-lobe Henyey-Greenstein p),
 8.56 (H) and 12.63 (macroscopic roughness, with mu0e, mue and S of eqs. 12.45-12.54). Radiance is
-L = J r with J the normal irradiance. The shader `hapke.glsl` computes the same; a test compares
-them.
+L = J r with J the normal irradiance. All that is drawn is lit by these loops, in single precision:
+errors are below 1e-3 of r, mostly below 1e-5.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from lunar_rover_sim.base.compiled import inlined, vectorised
 from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.fast_math import arc_cosine, exp2, log2
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.parameters import nearest
+
+_PART = 128             # of the numbers: where none of it is lit, nothing is computed
+_ZERO, _HALF, _ONE, _TWO = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0))
+_LEAST, _TINY, _SMOOTHEST = np.float32(1e-6), np.float32(1e-9), np.float32(1e-4)
+_MOST_W = np.float32(0.999)
+_PI, _ONE_OVER_PI, _TWO_OVER_PI = (np.float32(x) for x in (np.pi, 1.0 / np.pi, 2.0 / np.pi))
+_FOUR_PI = np.float32(0.25 / np.pi)
+_LOG2_E, _HALF_LOG_2, _LOWEST = (np.float32(x) for x in (1.44269504, 0.34657359, -126.0))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +51,10 @@ class HapkeParameters:
     b_s0: float
     h_s: float
     theta_deg: float
+
+    def law(self, scale: float = 1.0) -> NDArray[np.float32]:
+        """Return w times `scale`, b, c, b_s0, h_s, as loops take them."""
+        return np.array([self.w * scale, self.b, self.c, self.b_s0, self.h_s], np.float32)
 
 
 def hockey_stick(b: float) -> float:
@@ -81,27 +96,6 @@ def parameter_set(name: str) -> HapkeParameters:
     return SETS[name]
 
 
-def phase_function(g_rad: ArrayLike, b: float, c: float) -> Array:
-    """Return the two-lobe Henyey-Greenstein phase function; its mean over the sphere is 1."""
-    cos_g = np.cos(g_rad)
-    back = (1.0 - b * b) / (1.0 - 2.0 * b * cos_g + b * b)**1.5
-    forward = (1.0 - b * b) / (1.0 + 2.0 * b * cos_g + b * b)**1.5
-    return 0.5 * (1.0 + c) * back + 0.5 * (1.0 - c) * forward
-
-
-def opposition(g_rad: ArrayLike, b_s0: float, h_s: float) -> Array:
-    """Return the shadow hiding opposition effect B(g)."""
-    return b_s0 / (1.0 + np.tan(0.5 * np.asarray(g_rad)) / h_s)
-
-
-def chandrasekhar(x: ArrayLike, w: ArrayLike) -> Array:
-    """Return H(x), Hapke's second approximation (2012, eq. 8.56)."""
-    x = np.asarray(x, dtype=float)
-    gamma = np.sqrt(1.0 - np.asarray(w, dtype=float))
-    r0 = (1.0 - gamma) / (1.0 + gamma)
-    return 1.0 / (1.0 - w * x * (r0 + 0.5 * (1.0 - 2.0 * r0 * x) * np.log((1.0 + x) / x)))
-
-
 def reflectance(cos_i: ArrayLike, cos_e: ArrayLike, cos_g: ArrayLike, parameters: HapkeParameters,
                 *, albedo: ArrayLike = 1.0, theta_deg: float | None = None) -> Array:
     """Return r [1/sr] for cosines of incidence, emission and phase; 0 where either is <= 0.
@@ -110,57 +104,101 @@ def reflectance(cos_i: ArrayLike, cos_e: ArrayLike, cos_g: ArrayLike, parameters
         albedo: Factor on w.
         theta_deg: Replaces the set's roughness (0: smooth).
     """
-    mu0 = np.asarray(cos_i, dtype=float)
-    mu = np.asarray(cos_e, dtype=float)
-    seen = (mu0 > 0.0) & (mu > 0.0)
-    mu0 = np.clip(mu0, 1e-6, 1.0)
-    mu = np.clip(mu, 1e-6, 1.0)
-    cos_g = np.clip(np.asarray(cos_g, dtype=float), -1.0, 1.0)
-    w = np.clip(parameters.w * np.asarray(albedo, dtype=float), 0.0, 0.999)
-    g = np.arccos(cos_g)
-    theta = np.radians(parameters.theta_deg if theta_deg is None else theta_deg)
-    mu0e, mue, shadowing = roughness(mu0, mu, cos_g, theta)
-    single = (1.0 + opposition(g, parameters.b_s0, parameters.h_s)) \
-        * phase_function(g, parameters.b, parameters.c)
-    multiple = chandrasekhar(mu0e, w) * chandrasekhar(mue, w) - 1.0
-    value = w / (4.0 * np.pi) * mu0e / (mu0e + mue) * (single + multiple) * shadowing
-    return np.where(seen, value, 0.0)
+    tangent = math.tan(math.radians(parameters.theta_deg if theta_deg is None else theta_deg))
+    every = np.broadcast_arrays(cos_i, cos_e, cos_g, tangent, albedo, 0.0)
+    result = np.empty(every[0].size, np.float32)
+    fill_reflectance(*(np.array(each, np.float32).ravel() for each in every), parameters.law(),
+                     result)
+    return result.reshape(every[0].shape).astype(float)
 
 
-def roughness(mu0: ArrayLike, mu: ArrayLike, cos_g: ArrayLike,
-              theta_rad: float) -> tuple[Array, Array, Array]:
-    """Return effective cosines (mu0e, mue) and S of a surface with mean slope theta."""
-    mu0, mu = np.asarray(mu0, dtype=float), np.asarray(mu, dtype=float)
-    if theta_rad <= 0.0:
-        return mu0, mu, np.ones(np.broadcast(mu0, mu, cos_g).shape)
-    tan_theta = np.tan(theta_rad)
-    chi = 1.0 / np.sqrt(1.0 + np.pi * tan_theta**2)
-    sin_i, sin_e = np.sqrt(1.0 - mu0**2), np.sqrt(1.0 - mu**2)
-    cos_psi = np.clip((np.asarray(cos_g) - mu0 * mu) / np.maximum(sin_i * sin_e, 1e-6), -1.0, 1.0)
-    psi = np.arccos(cos_psi)
-    sin2_half = 0.5 * (1.0 - cos_psi)
-    f = np.exp(-2.0 * np.sqrt(sin2_half / np.maximum(1.0 - sin2_half, 1e-9)))
+@inlined
+def _exp(x):  # type: ignore[no-untyped-def]
+    """Return e to a power of 0 and less."""
+    return exp2(max(x * _LOG2_E, _LOWEST))
 
-    def e1(cosine: Array, sine: Array) -> Array:
-        return np.exp(-2.0 / np.pi * cosine / np.maximum(tan_theta * sine, 1e-6))
 
-    def e2(cosine: Array, sine: Array) -> Array:
-        return np.exp(-(cosine / np.maximum(tan_theta * sine, 1e-6))**2 / np.pi)
+@inlined        # called, it gave other last bits in the process that compiled it
+def _filled(cos_i, cos_e, cos_g, tan_theta,  # type: ignore[no-untyped-def]
+            albedo, more_c, law, result):
+    """As `fill_reflectance`, whether anything is lit or not."""
+    w_all, b, c_all, b_s0, h_s = law[0], law[1], law[2], law[3], law[4]
+    bb = _ONE + b * b
+    outer = _HALF * (_ONE - b * b)
+    # Divisions take most of the time: those that can be are done together.
+    for j in range(len(result)):
+        mu0, mu = min(max(cos_i[j], _LEAST), _ONE), min(max(cos_e[j], _LEAST), _ONE)
+        cosine = min(max(cos_g[j], -_ONE), _ONE)
+        w = min(max(w_all * albedo[j], _ZERO), _MOST_W)
+        theta = max(tan_theta[j], _SMOOTHEST)
+        chi = _ONE / np.sqrt(_ONE + _PI * theta * theta)
+        sin_i, sin_e = np.sqrt(_ONE - mu0 * mu0), np.sqrt(_ONE - mu * mu)
+        cos_psi = (cosine - mu0 * mu) / max(sin_i * sin_e, _LEAST)
+        cos_psi = min(max(cos_psi, -_ONE), _ONE)
+        psi = arc_cosine(cos_psi) * _ONE_OVER_PI
+        half2 = _HALF * (_ONE - cos_psi)
+        f = _exp(-_TWO * np.sqrt(half2 / max(_ONE - half2, _TINY)))
+        ti, te = sin_i * theta, sin_e * theta
+        over_i, over_e = max(ti, _LEAST), max(te, _LEAST)
+        both = _ONE / (over_i * over_e)
+        ci, ce = mu0 * over_e * both, mu * over_i * both
+        e1_i, e1_e = _exp(-_TWO_OVER_PI * ci), _exp(-_TWO_OVER_PI * ce)
+        e2_i, e2_e = _exp(-_ONE_OVER_PI * ci * ci), _exp(-_ONE_OVER_PI * ce * ce)
+        both = _ONE / ((_TWO - e1_i) * (_TWO - e1_e))
+        eta_i = mu0 + ti * e2_i * (_TWO - e1_e) * both      # over chi
+        eta_e = mu + te * e2_e * (_TWO - e1_i) * both
+        low = mu0 >= mu
+        e1_max, e1_min = e1_e if low else e1_i, e1_i if low else e1_e
+        e2_max, e2_min = e2_e if low else e2_i, e2_i if low else e2_e
+        below = _ONE / (_TWO - e1_max - psi * e1_min)
+        facing = (cos_psi * e2_max + half2 * e2_min) * below
+        away = (e2_max - half2 * e2_min) * below
+        mu0e = max(chi * (mu0 + ti * (facing if low else away)), _LEAST)
+        mue = max(chi * (mu + te * (away if low else facing)), _LEAST)
+        own_eta, other_eta = eta_i if low else eta_e, eta_e if low else eta_i
+        shadowed = chi * other_eta * (own_eta * (_ONE - f) + f * (mu0 if low else mu))
+        seen = mue * mu0 * mu0e / (shadowed * (mu0e + mue))
+        gamma = np.sqrt(_ONE - w)
+        r0 = (_ONE - gamma) / (_ONE + gamma)
+        both = _ONE / (mu0e * mue)
+        log_i = log2((_ONE + mu0e) * mue * both)
+        log_e = log2((_ONE + mue) * mu0e * both)
+        h_i = _ONE - w * mu0e * (r0 + _HALF_LOG_2 * (_ONE - _TWO * r0 * mu0e) * log_i)
+        h_e = _ONE - w * mue * (r0 + _HALF_LOG_2 * (_ONE - _TWO * r0 * mue) * log_e)
+        multiple = _ONE / (h_i * h_e) - _ONE
+        back, forth = bb - _TWO * b * cosine, bb + _TWO * b * cosine
+        back, forth = back * np.sqrt(back), forth * np.sqrt(forth)
+        c = c_all + more_c[j]
+        lobes = outer * ((_ONE + c) * forth + (_ONE - c) * back) / (back * forth)
+        wide = h_s * (_ONE + cosine)
+        sine = np.sqrt(max(_ONE - cosine * cosine, _ZERO))
+        single = (_ONE + b_s0 * wide / max(wide + sine, _TINY)) * lobes
+        value = w * _FOUR_PI * seen * (single + multiple)
+        result[j] = value if min(cos_i[j], cos_e[j]) > _ZERO else _ZERO
 
-    e1_i, e1_e, e2_i, e2_e = e1(mu0, sin_i), e1(mu, sin_e), e2(mu0, sin_i), e2(mu, sin_e)
-    eta_i = chi * (mu0 + sin_i * tan_theta * e2_i / (2.0 - e1_i))
-    eta_e = chi * (mu + sin_e * tan_theta * e2_e / (2.0 - e1_e))
-    low = mu0 >= mu  # i <= e
-    e1_max, e1_min = np.where(low, e1_e, e1_i), np.where(low, e1_i, e1_e)
-    e2_max, e2_min = np.where(low, e2_e, e2_i), np.where(low, e2_i, e2_e)
-    below = 2.0 - e1_max - psi / np.pi * e1_min
-    facing = (cos_psi * e2_max + sin2_half * e2_min) / below
-    away = (e2_max - sin2_half * e2_min) / below
-    mu0e = chi * (mu0 + sin_i * tan_theta * np.where(low, facing, away))
-    mue = chi * (mu + sin_e * tan_theta * np.where(low, away, facing))
-    ratio = np.where(low, mu0 / eta_i, mu / eta_e)
-    shadowing = mue / eta_e * mu0 / eta_i * chi / (1.0 - f + f * chi * ratio)
-    return np.maximum(mu0e, 1e-6), np.maximum(mue, 1e-6), shadowing
+
+@vectorised
+def fill_reflectance(cos_i, cos_e, cos_g, tan_theta,  # type: ignore[no-untyped-def]
+                     albedo, more_c, law, result):
+    """Fill in Hapke's reflectance [1/sr]; 0 where either cosine is <= 0.
+
+    Args:
+        cos_i, cos_e, cos_g: (n,) cosines of incidence, emission and phase.
+        tan_theta: (n,) tangent of the mean slope of what is not drawn.
+        albedo: (n,) factor on w.
+        more_c: (n,) what is added to c.
+        law: w, b, c, b_s0, h_s.
+        result: (n,).
+    """
+    for start in range(0, len(result), _PART):
+        end, lit = min(start + _PART, len(result)), 0
+        for j in range(start, end):
+            lit += cos_i[j] > _ZERO
+        if lit == 0:
+            result[start:end] = _ZERO
+        else:
+            _filled(cos_i[start:end], cos_e[start:end], cos_g[start:end], tan_theta[start:end],
+                    albedo[start:end], more_c[start:end], law, result[start:end])
 
 
 def normal_albedo(parameters: HapkeParameters) -> float:

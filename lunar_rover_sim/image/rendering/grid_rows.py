@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.base.compiled import inlined, vectorised
-from lunar_rover_sim.image.rendering.row_math import (any_positive, byte, CHUNK, disc, log2,
-                                                      NO_PIXELS, of_half, PAGE, shape_share)
+from lunar_rover_sim.base.fast_math import log2
+from lunar_rover_sim.image.rendering.row_math import (any_positive, byte, CHUNK, disc, NO_PIXELS,
+                                                      of_half, PAGE, shape_share)
 
 _N, _PAGE = CHUNK, PAGE
 _LAYER, _SCALE, _OFFSET, _LOG, _REACH = (k * _PAGE for k in range(5))

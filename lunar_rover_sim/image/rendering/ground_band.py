@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.image.illumination.hapke import fill_reflectance
 from lunar_rover_sim.image.rendering.crater_map import CraterLists
 from lunar_rover_sim.image.rendering.grid_rows import light_of_grid
-from lunar_rover_sim.image.rendering.ground_law import reflectance, relief_factor
 from lunar_rover_sim.image.rendering.ground_place import place, spread
 from lunar_rover_sim.image.rendering.lamp_rows import add_lamp, lamp_on, LampLight
 from lunar_rover_sim.image.rendering.lighting import GroundConstants
+from lunar_rover_sim.image.rendering.relief_factor import relief_factor
 from lunar_rover_sim.image.rendering.relief_map import ReliefShape
 from lunar_rover_sim.image.rendering.relief_rows import relief_of
 from lunar_rover_sim.image.rendering.rover_shadow import CastShadow
@@ -158,8 +159,8 @@ class Band:
                    'beside pressed loose'), constants.sun, centre, texels.scales,
               texels.least_scales, constants.trodden, tracks is not None,
               *get('cos_i cos_e cos_g theta more_c sunlit normal_x normal_y normal_z kept'))
-        reflectance(*get('cos_i cos_e cos_g theta albedo more_c'), constants.law,
-                    own['reflectance'])
+        fill_reflectance(*get('cos_i cos_e cos_g theta albedo more_c'), constants.law,
+                         own['reflectance'])
         radiance_of(*get('reflectance lit albedo below around normal_z'), constants.irradiance,
                     constants.diffuse, *get('direct whole'))
         if source.lamp is not None:
@@ -167,8 +168,8 @@ class Band:
             lamp_on(*get('depth x y z vx vy vz slope_x slope_y normal_x normal_y normal_z kept'),
                     lamp.numbers(view.camera), lamp.clip, lamp.shadow, relief.shape,
                     relief.numbers, centre, *get('lamp lamp_i lamp_g'))
-            reflectance(*get('lamp_i cos_e lamp_g theta albedo more_c'), constants.law,
-                        own['reflectance'])
+            fill_reflectance(*get('lamp_i cos_e lamp_g theta albedo more_c'), constants.law,
+                             own['reflectance'])
             add_lamp(*get('reflectance lamp of_lamp whole'))
         assert image.radiance is not None
         spread(self.rows, row, own['whole'], image.radiance, add)

@@ -30,7 +30,7 @@ from lunar_rover_sim.image.rendering.relief_tiles import (FINER, ReliefTile, Rel
                                                           SLOPE_SCALE)
 
 # Rises with every change of what `relief_brightness` returns, of tiles or of the law.
-_RECIPE = 1
+_RECIPE = 2
 LEVELS = 9              # mip levels of the fine tile; coarser ones are not used
 AZIMUTHS, COSINES = 8, 16       # nodes of the factor
 # Nodes: tangent of the sun's elevation over the local plane, over that over level ground. Below 1

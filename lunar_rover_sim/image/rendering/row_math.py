@@ -15,13 +15,8 @@ NO_PIXELS = np.int64(0)
 _ZERO, _HALF, _ONE, _FIVE = (np.float32(x) for x in (0.0, 0.5, 1.0, 5.0))
 _DISC, _CUBE, _TINY = (np.float32(x) for x in (0.6366, 0.1366, 1e-6))
 _OF_HALF = np.float32(2.0 ** 112)
-_L1, _L2, _L3, _L4, _L5, _L6 = (np.float32(x) for x in (
-    1.44253477, -0.7180334, 0.45715712, -0.27733943, 0.12147073, -0.02579153))
-_E1, _E2, _E3, _E4, _E5 = (np.float32(x) for x in (
-    0.693151589, 0.240164372, 0.0557937297, 0.0090311809, 0.00185874787))
 # Of a map of the shape of the relief: steps of 1/2**17 m and 1/2**12.
 _HEIGHTS, _STEEPS, _MIDDLE, _MOST = (np.float32(x) for x in (131072.0, 4096.0, 32768.0, 65535.0))
-_MANTISSA, _UNIT, _BIAS = np.int32(0x7fffff), np.int32(0x3f800000), np.int32(127)
 
 
 @inlined
@@ -45,24 +40,6 @@ def of_half(bits):  # type: ignore[no-untyped-def]
     wide = ((bits & np.uint32(0x7fff)) << np.uint32(13)) | ((bits & np.uint32(0x8000))
                                                             << np.uint32(16))
     return np.uint32(wide).view(np.float32) * _OF_HALF
-
-
-@inlined
-def log2(value):  # type: ignore[no-untyped-def]
-    """Return the logarithm of a positive number; error < 3e-6."""
-    bits = np.float32(value).view(np.int32)
-    m = np.int32((bits & _MANTISSA) | _UNIT).view(np.float32) - _ONE
-    whole = np.float32((bits >> np.int32(23)) - _BIAS)
-    return whole + m * (_L1 + m * (_L2 + m * (_L3 + m * (_L4 + m * (_L5 + m * _L6)))))
-
-
-@inlined
-def exp2(value):  # type: ignore[no-untyped-def]
-    """Return a power of two; its error is < 3e-6 of it."""
-    whole = np.floor(value)
-    m = value - whole
-    part = _ONE + m * (_E1 + m * (_E2 + m * (_E3 + m * (_E4 + m * _E5))))
-    return np.int32((np.int32(whole) + _BIAS) << np.int32(23)).view(np.float32) * part
 
 
 @inlined

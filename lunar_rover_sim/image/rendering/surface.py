@@ -32,7 +32,7 @@ class SurfaceTexels:
     Attributes:
         levels, ground, matter: Of `grid_rows.light_of_grid`.
         coarse, fine, tile, horizon: Of `relief_rows.relief_of`.
-        factor: Of `ground_law.relief_factor`.
+        factor: Of `relief_factor.relief_factor`.
         sun_tangent: That of its elevation over level ground, at least a hundredth.
         scales: Of `shade_rows.shade`.
         fine_log2: log2 of texels of the fine tile per metre.

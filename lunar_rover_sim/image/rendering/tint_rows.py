@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.base.compiled import inlined, vectorised
-from lunar_rover_sim.image.rendering.row_math import any_positive, CHUNK, exp2, log2, PAGE
+from lunar_rover_sim.base.fast_math import exp2, log2
+from lunar_rover_sim.image.rendering.row_math import any_positive, CHUNK, PAGE
 
 _N, _PAGE = CHUNK, PAGE
 _PATCHES, _FRESH, _SUN, _LIT, _PHASE, _LOG, _RED, _X, _Y = (k * _PAGE for k in range(9))

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from textbook_hapke import phase_function as lobes
 
 from lunar_rover_sim.base.frames import sun_direction
 from lunar_rover_sim.ground.world.site import Site
@@ -14,9 +15,7 @@ from lunar_rover_sim.image.illumination.earth_disc import (earth_disc, EarthDisc
                                                            phase_function)
 from lunar_rover_sim.image.illumination.earthshine import earth_as_sun
 from lunar_rover_sim.image.illumination.ephemeris import sun_and_earth
-from lunar_rover_sim.image.illumination.hapke import hockey_stick, normal_albedo
-from lunar_rover_sim.image.illumination.hapke import phase_function as lobes
-from lunar_rover_sim.image.illumination.hapke import reflectance, SETS
+from lunar_rover_sim.image.illumination.hapke import hockey_stick, normal_albedo, reflectance, SETS
 from lunar_rover_sim.image.illumination.sky import sky
 from lunar_rover_sim.image.illumination.sun_disc import (central_radiance, disc_radiance,
                                                          limb_darkening)

@@ -11,7 +11,7 @@ from relief_place import bilinear, places
 from lunar_rover_sim.base.workers import ONE_THREAD
 from lunar_rover_sim.ground.world.fine_relief import disc_share
 from lunar_rover_sim.image.camera.development import LitImage
-from lunar_rover_sim.image.rendering import (grid_rows, ground_law, relief_rows, tint_rows,
+from lunar_rover_sim.image.rendering import (grid_rows, relief_factor, relief_rows, tint_rows,
                                              track_rows)
 from lunar_rover_sim.image.rendering.ground_band import GroundImage
 from lunar_rover_sim.image.rendering.ground_picture import cover, far_ground
@@ -178,9 +178,9 @@ def test_the_factor_between_nodes(pixels):
     detail, out = rng.uniform(0.0, 8.0, N).astype(F32), arrays(1)[0]
     tangent = 0.2
     sun = np.array([1.0, 0.0, tangent]) / np.hypot(1.0, tangent)
-    ground_law.relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,
-                             np.array([*sun, 1.0, 0.0, tangent, tangent], F32),
-                             np.ascontiguousarray(codes).view(np.uint32)[..., 0], out)
+    relief_factor.relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,
+                                np.array([*sun, 1.0, 0.0, tangent, tangent], F32),
+                                np.ascontiguousarray(codes).view(np.uint32)[..., 0], out)
     up = np.stack([-slope_x, -slope_y, np.ones(N)])
     up /= np.linalg.norm(up, axis=0)
     cosine, of_sun = np.clip((up * [vx, vy, vz]).sum(axis=0), 0.0, 1.0), sun @ up
@@ -274,10 +274,10 @@ def test_the_colour_of_soil(pixels):
 
 def test_the_process_that_compiles_the_law_computes_what_later_ones_do(tmp_path):
     code = ('import numpy as np; '
-            'from lunar_rover_sim.image.rendering.ground_law import reflectance; '
+            'from lunar_rover_sim.image.illumination.hapke import fill_reflectance; '
             'rng = np.random.default_rng(1); '
             'a = [rng.uniform(0.05, 1.0, 1280).astype(np.float32) for _ in range(7)]; '
-            'reflectance(*a[:6], np.array([0.3, 0.3, 0.4, 1.0, 0.06], np.float32), a[6]); '
+            'fill_reflectance(*a[:6], np.array([0.3, 0.3, 0.4, 1.0, 0.06], np.float32), a[6]); '
             'print(a[6].tobytes().hex())')
     told = [subprocess.run([sys.executable, '-c', code], capture_output=True, check=True,
                            env={**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)}).stdout
