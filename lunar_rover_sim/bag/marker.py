@@ -11,6 +11,7 @@ import os
 from pathlib import Path
 from typing import BinaryIO
 
+from mcap.writer import MCAP0_MAGIC as MAGIC
 import yaml
 
 from lunar_rover_sim.base.errors import one_line
@@ -87,3 +88,19 @@ def why_incomplete(bag: Path) -> str | None:
     if not (bag / METADATA_NAME).is_file():
         return f'{METADATA_NAME} is missing'
     return None
+
+
+def has_end(path: Path) -> bool:
+    """Return whether an MCAP file ends as a finished one does; False if it cannot be read."""
+    with suppress(OSError), path.open('rb') as file:
+        size = file.seek(0, 2)
+        file.seek(max(size - len(MAGIC), 0))
+        return size >= 2 * len(MAGIC) and file.read() == MAGIC
+    return False
+
+
+def has_beginning(path: Path) -> bool:
+    """Return whether a file begins as an MCAP file does; False if it cannot be read."""
+    with suppress(OSError), path.open('rb') as file:
+        return file.read(len(MAGIC)) == MAGIC
+    return False

@@ -10,6 +10,7 @@ from rosbags.rosbag2.metadata import parse_qos
 import yaml
 
 from lunar_rover_sim.base.errors import BagError, one_line
+from lunar_rover_sim.base.files.yaml_text import FAST_LOADER
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.base.topics import CONTRACT, LATCHED
 
@@ -64,7 +65,7 @@ def qos_of_text(text: str) -> list[Qos]:
         BagError: Where they cannot be read.
     """
     try:
-        return parse_qos(yaml.safe_load(text) or [])
+        return parse_qos(yaml.load(text, FAST_LOADER) or [])  # noqa: S506
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, OverflowError,
             RecursionError) as error:
         raise BagError('offered QoS profiles cannot be read: '

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 import functools
 from pathlib import Path, PurePath
+import sqlite3
 from typing import Any, NamedTuple
 
+from mcap.reader import make_reader
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
@@ -18,9 +20,9 @@ from rosbags.typesys.store import Typestore
 import yaml
 
 from lunar_rover_sim.bag import marker
-from lunar_rover_sim.bag.checksums import has_beginning, has_end
 from lunar_rover_sim.bag.message_validity import image_problem, pixels
 from lunar_rover_sim.bag.messages import header_ns, pose_matrix
+from lunar_rover_sim.bag.qos import qos_of_text
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.base import topics as contract
 from lunar_rover_sim.base.arguments import brief, check_path
@@ -86,6 +88,14 @@ class Bag(Closing):
         if self.path.is_dir() and not (self.path / marker.METADATA_NAME).is_file():
             raise BagError(f'{self.path}: {self.incomplete}; make it readable with: '
                            f'lunar_rover_sim bag recover {self.path}')
+        self.file_counts: dict[Path, int | None] = {self.path: None}
+        if self.path.is_dir():
+            told = information(self.path)
+            self.file_counts = {self.path / name: count
+                                for name, count in file_counts(self.path, told).items()}
+            _check_told_profiles(self.path, told)
+        for file in self.file_counts:
+            _check_stored_profiles(file)
         try:
             self._reader = Reader(self.path)
             self._reader.open()
@@ -98,15 +108,11 @@ class Bag(Closing):
                            f'{self.path}: cannot be read as a bag: {_words(error)}') from None
         try:
             self._check_counts()
-            self.file_counts: dict[Path, int | None] = {self.path: None}
-            if self.path.is_dir():
-                self.file_counts = {self.path / name: count
-                                    for name, count in file_counts(self.path).items()}
         except BagError:
             self.close()
             raise
         for file in self.file_counts:
-            if self.incomplete is None and file.suffix == '.mcap' and not has_end(file):
+            if self.incomplete is None and file.suffix == '.mcap' and not marker.has_end(file):
                 self.incomplete = f'{file.name} has no end'
 
     def __repr__(self) -> str:
@@ -128,7 +134,8 @@ class Bag(Closing):
     def _files_without_end(self) -> list[str]:
         """Return the MCAP files of the folder that are cut short but begin as MCAP files do."""
         files = sorted(self.path.glob('*.mcap')) if self.path.is_dir() else ()
-        return [file.name for file in files if has_beginning(file) and not has_end(file)]
+        return [file.name for file in files
+                if marker.has_beginning(file) and not marker.has_end(file)]
 
     def _check_counts(self) -> None:
         """Raise BagError if a count, time or name is not one; rosbags takes them all."""
@@ -434,30 +441,67 @@ def is_count(value: object) -> bool:
 
 
 def information(bag: Path) -> Any:
-    """Return what metadata.yaml of a bag folder says; raises what reading and YAML raise."""
-    with (bag / marker.METADATA_NAME).open('rb') as file:
-        return yaml.load(file, FAST_LOADER)['rosbag2_bagfile_information']  # noqa: S506
+    """Return what metadata.yaml of a bag folder says; BagError if it cannot be read."""
+    where = bag / marker.METADATA_NAME
+    try:
+        with where.open('rb') as file:
+            return yaml.load(file, FAST_LOADER)['rosbag2_bagfile_information']  # noqa: S506
+    except (OSError, yaml.YAMLError, RecursionError, LookupError, TypeError, ValueError) as error:
+        raise BagError(f'{where}: cannot be read: {one_line(error)[:200]}') from None
 
 
-def file_counts(bag: Path) -> dict[str, int | None]:
+# rosbags reads YAML by a parser that crashes where it is nested too deeply; PyYAML refuses that.
+def _check_told_profiles(bag: Path, told: Any) -> None:
+    """Raise BagError for QoS in metadata.yaml, as text, that is no YAML."""
+    with suppress(LookupError, TypeError, AttributeError):      # rosbags names what is missing
+        for entry in told['topics_with_message_count']:
+            _check_profile(bag, entry['topic_metadata'].get('offered_qos_profiles'))
+
+
+def _check_stored_profiles(file: Path) -> None:
+    """Raise BagError for QoS in a storage file that is no YAML."""
+    texts: list[object] = []
+    if file.suffix == '.mcap':
+        # Whatever is damaged here, rosbags finds too.
+        with suppress(Exception), file.open('rb') as stream:
+            summary = make_reader(stream).get_summary()
+            texts = [channel.metadata.get('offered_qos_profiles')
+                     for channel in (summary.channels.values() if summary else ())]
+    else:
+        with suppress(sqlite3.Error), closing(sqlite3.connect(
+                f'{file.absolute().as_uri()}?mode=ro', uri=True)) as database:
+            texts = [row[0] for row in database.execute('SELECT offered_qos_profiles FROM topics')]
+    for text in texts:
+        _check_profile(file, text)
+
+
+def _check_profile(where: Path, text: object) -> None:
+    if isinstance(text, str):
+        try:
+            qos_of_text(text)
+        except BagError as error:
+            raise BagError(f'{where}: {error}') from None
+
+
+def file_counts(bag: Path, told: Any) -> dict[str, int | None]:
     """Return file → number of its messages by metadata.yaml, in the order of time.
 
     Metadata before version 5 has no numbers: they are None.
+
+    Args:
+        told: `information` of the bag.
 
     Raises:
         BagError: a file is listed only in one of the two lists, or twice, or its number is none.
     """
     where = bag / marker.METADATA_NAME
     try:
-        told = information(bag)
         names = [PurePath(path).name for path in told['relative_file_paths']]
         listed = told.get('files') or []
         entries = [(PurePath(entry['path']).name, entry['message_count']) for entry in listed]
-    # Whatever is in the file instead of them; its reader has let it pass.
-    except (OSError, yaml.YAMLError, RecursionError, LookupError, TypeError, ValueError,
-            AttributeError) as error:
-        reason = one_line(error)
-        raise BagError(f'{where}: the list of files cannot be read: {reason[:200]}') from None
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise BagError(f'{where}: the list of files cannot be read: '
+                       f'{one_line(error)[:200]}') from None
     for name, count in entries:
         if not is_count(count):
             raise BagError(f'{where}: message_count of {brief(name)}: {brief(count)} is not '

@@ -20,7 +20,6 @@ from mcap.stream_reader import breakup_chunk, StreamReader
 import yaml
 
 from lunar_rover_sim.bag import marker
-from lunar_rover_sim.bag.checksums import has_end
 from lunar_rover_sim.bag.qos import qos_of_text
 from lunar_rover_sim.bag.reader import check_files, open_bag, storage_file
 from lunar_rover_sim.bag.writer import (bag_information, BagWriter, in_words, VERSION,
@@ -55,7 +54,7 @@ def recover(path: Path | str, output: Path | str | None = None) -> int:
     if not path.is_dir():
         raise BagError(f'{path}: is not a bag folder')
     check_files(path)
-    cut = [file for file in sorted(path.glob('*.mcap')) if not has_end(file)]
+    cut = [file for file in sorted(path.glob('*.mcap')) if not marker.has_end(file)]
     reason = marker.why_incomplete(path) or (f'{cut[0].name} has no end' if cut else None)
     if reason is None:
         raise BagError(f'{path}: is complete; there is nothing to recover')

@@ -14,6 +14,7 @@ from typing import TypeVar
 
 from lunar_rover_sim.bag.reader import Bag, information
 from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import BagError
 from lunar_rover_sim.base.topics import DEPTH_FRAME, FRAME, STATE
 
 # How far before its end a bag is searched. Most bags have a state within the first; one whose
@@ -109,7 +110,7 @@ REAL_TIME_FACTOR = 'real_time_factor'   # key in custom_data of metadata.yaml
 def recorded_factor(bag: Bag) -> float | None:
     """Return the real-time factor of a recording; None where its metadata does not say."""
     # A bag may be a single file, and its metadata another tool's.
-    with suppress(OSError, LookupError, TypeError, ValueError):
+    with suppress(BagError, LookupError, TypeError, ValueError):
         factor = float(information(bag.path)['custom_data'][REAL_TIME_FACTOR])
         return factor if math.isfinite(factor) and factor > 0.0 else None
     return None

@@ -29,6 +29,20 @@ from lunar_rover_sim.sensors.imu import ImuConfig
 from lunar_rover_sim.sensors.registry import SENSORS, SensorsConfig
 
 ALL = 'all'
+US_PER_S = 1_000_000
+
+
+class PacedConfig(Parameters):
+    """Parameters of a node with a rate, at whose whole periods stamps are due."""
+
+    def validate(self) -> None:
+        """Raise ConfigError for a rate whose period is no whole number of microseconds."""
+        super().validate()
+        for name in ('rate_hz', 'frame_rate_hz'):
+            rate_hz = getattr(self, name, 1)
+            if US_PER_S % rate_hz:
+                raise ConfigError(f'{name}: {rate_hz} is not valid; valid is a rate whose period '
+                                  'is a whole number of microseconds, such as 5, 10 or 20')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,7 +148,7 @@ class PolicyNodeConfig(NodeConfig):
 
 
 @dataclasses.dataclass(frozen=True)
-class DriveNodeConfig(NodeConfig, DriveConfig):
+class DriveNodeConfig(PacedConfig, NodeConfig, DriveConfig):
     """Parameters of drive_node."""
 
     rate_hz: int = param(20, 'rate of cmd_vel', unit='Hz', low=1, high=200)
@@ -175,7 +189,7 @@ class StereoTopicsConfig(Parameters):
 
 
 @dataclasses.dataclass(frozen=True)
-class RenderNodeConfig(NodeConfig, RenderConfig):
+class RenderNodeConfig(PacedConfig, NodeConfig, RenderConfig):
     """Parameters of render_node."""
 
     sgm: SgmConfig = group(SgmConfig)
@@ -227,7 +241,7 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
 
 
 @dataclasses.dataclass(frozen=True)
-class LidarNodeConfig(NodeConfig, LidarConfig):
+class LidarNodeConfig(PacedConfig, NodeConfig, LidarConfig):
     """Parameters of lidar_node."""
 
     await_readers: tuple[str, ...] = param((), 'topics that must have subscribers before the '
@@ -320,7 +334,7 @@ class MappingNodeConfig(NodeConfig):
 
 
 @dataclasses.dataclass(frozen=True)
-class NavigatorNodeConfig(NodeConfig, NavigatorConfig):
+class NavigatorNodeConfig(PacedConfig, NodeConfig, NavigatorConfig):
     """Parameters of navigator_node."""
 
     pose: str = param(TRUTH, 'pose by which it drives. ' + _POSE, choices=POSES)

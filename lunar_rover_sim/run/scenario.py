@@ -288,7 +288,9 @@ def _check_rates(scenario: Scenario) -> None:
     state_hz = scenario.physics_node.state_rate_hz
     for name, rate_hz in (('render_node.frame_rate_hz', scenario.render_node.frame_rate_hz),
                           ('drive_node.rate_hz', scenario.drive_node.rate_hz),
-                          ('lidar_node.rate_hz', scenario.lidar_node.rate_hz)):
+                          ('lidar_node.rate_hz', scenario.lidar_node.rate_hz),
+                          *([('navigator_node.rate_hz', scenario.navigator_node.rate_hz)]
+                            if 'navigator_node' in scenario.run.nodes else [])):
         if state_hz % rate_hz:
             raise ConfigError(f'{name}: {rate_hz} is not valid; valid is a divisor of '
                               f'physics_node.state_rate_hz = {state_hz}')

@@ -22,9 +22,9 @@ class DriveConfig(Parameters):
         (0.0,), 'mode profile: start of each velocity, counted from the start of the drive; the'
         ' last one holds', unit='s', low=0.0)
     profile_forward_mps: tuple[float, ...] = param((0.1,), 'mode profile: forward velocities',
-                                                   unit='m/s')
+                                                   unit='m/s', low=-2.0, high=2.0)
     profile_yaw_rate_radps: tuple[float, ...] = param((0.0,), 'mode profile: yaw rates, left'
-                                                      ' positive', unit='rad/s')
+                                                      ' positive', unit='rad/s', low=-3.0, high=3.0)
     profile_ramp: bool = param(False, 'mode profile: ramp linearly from each velocity to the next')
     shape: str = param('none', 'ready-made route in place of the waypoints; it starts at the'
                        ' first pose along its heading', choices=SHAPES)
@@ -35,9 +35,10 @@ class DriveConfig(Parameters):
     relative: bool = param(False, 'waypoints are given in the frame of the first pose instead of'
                            ' odom')
     laps: int = param(1, 'laps of a closed route; more than 1 closes an open route', low=1)
-    speed_mps: float = param(0.12, 'forward speed on a route', unit='m/s', low=0.0, open_low=True)
+    speed_mps: float = param(0.12, 'forward speed on a route', unit='m/s', low=0.0, open_low=True,
+                             high=2.0)
     max_yaw_rate_radps: float = param(0.15, 'greatest yaw rate; the rover slows down in tighter'
-                                      ' curves', unit='rad/s', low=0.0, open_low=True)
+                                      ' curves', unit='rad/s', low=0.0, open_low=True, high=3.0)
     lookahead_m: float = param(0.5, 'distance along the route to the point steered towards',
                                unit='m', low=0.0, open_low=True)
     turn_in_place_deg: float = param(75.0, 'heading error above which the rover turns in place',

@@ -10,12 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 import math
 from pathlib import Path
+import zlib
 
-from lunar_rover_sim.bag.checksums import damage, has_end
-from lunar_rover_sim.bag.marker import METADATA_NAME
+from mcap.records import DataEnd, Footer
+from mcap.stream_reader import StreamReader
+
+from lunar_rover_sim.bag.marker import has_end, MAGIC, METADATA_NAME
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.totals import is_at_wall_time
 from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import one_line
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.base.topics import DEPTH_FRAME, FRAME, STATE
 from lunar_rover_sim.products.inspection import checks, message_checks, tracking
@@ -58,14 +62,35 @@ def check(path: Path | str, progress: Callable[[], None] | None = None) -> Check
 
 
 def checksums(bag: Bag, report: CheckReport) -> None:
-    """The file fits its checksums. Those of chunks are verified whenever messages are read."""
-    if bag.storage_path.suffix != '.mcap' or not all(map(has_end, bag.file_counts)):
+    """The files fit their checksums: of chunks, of the data and of the summary (mcap.dev/spec)."""
+    files = list(bag.file_counts)
+    if bag.storage_path.suffix != '.mcap' or not all(map(has_end, files)):
         report.add('checksums', Status.SKIP, 'the file has none')
         return
-    found = {file: damage(file) for file in bag.file_counts}
-    several = len(found) > 1
-    report.verdict('checksums', [f'{file.name}: {one}' if several else one
-                                 for file, one in found.items() if one], 'fit')
+    report.verdict('checksums', [f'{file.name}: {problem}' if len(files) > 1 else problem
+                                 for file in files if (problem := _damage(file))], 'fit')
+
+
+def _damage(path: Path) -> str | None:
+    """Return what of an MCAP file does not fit its checksum; a checksum of 0 means: none."""
+    with path.open('rb') as file:
+        footer: Footer | None = None
+        is_data_verified = False
+        try:
+            for record in StreamReader(file, validate_crcs=True,
+                                       record_size_limit=path.stat().st_size).records:
+                is_data_verified |= isinstance(record, DataEnd)
+                footer = record if isinstance(record, Footer) else None
+        except Exception as error:  # whatever mcap and its decompressors make of damaged bytes
+            return one_line(error)
+        if footer is None or not is_data_verified:
+            return 'the end of the data or of the file is damaged'
+        # It covers all from the summary's start to itself, which the last magic follows.
+        end = file.seek(0, 2) - 4 - len(MAGIC)
+        start = file.seek(min(footer.summary_start, end))
+        if footer.summary_crc not in (0, zlib.crc32(file.read(end - start))):
+            return 'the summary does not fit its checksum'
+    return None
 
 
 def readable(bag: Bag, read: Mapping[str, int], report: CheckReport) -> None:
