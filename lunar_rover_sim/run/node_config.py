@@ -41,8 +41,8 @@ class PacedConfig(Parameters):
         for name in ('rate_hz', 'frame_rate_hz'):
             rate_hz = getattr(self, name, 1)
             if US_PER_S % rate_hz:
-                raise ConfigError(f'{name}: {rate_hz} is not valid; valid is a rate whose period '
-                                  'is a whole number of microseconds, such as 5, 10 or 20')
+                raise ConfigError(f'{name}: {rate_hz} is not valid; valid is a divisor of '
+                                  'physics_node.state_rate_hz, such as 5, 10, 20, 25 or 40')
 
 
 @dataclasses.dataclass(frozen=True)

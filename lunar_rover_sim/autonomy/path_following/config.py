@@ -23,8 +23,8 @@ class DriveConfig(Parameters):
         ' last one holds', unit='s', low=0.0)
     profile_forward_mps: tuple[float, ...] = param((0.1,), 'mode profile: forward velocities',
                                                    unit='m/s', low=-2.0, high=2.0)
-    profile_yaw_rate_radps: tuple[float, ...] = param((0.0,), 'mode profile: yaw rates, left'
-                                                      ' positive', unit='rad/s', low=-3.0, high=3.0)
+    profile_yaw_rate_radps: tuple[float, ...] = param(
+        (0.0,), 'mode profile: yaw rates, left positive', unit='rad/s', low=-3.0, high=3.0)
     profile_ramp: bool = param(False, 'mode profile: ramp linearly from each velocity to the next')
     shape: str = param('none', 'ready-made route in place of the waypoints; it starts at the'
                        ' first pose along its heading', choices=SHAPES)

@@ -47,7 +47,7 @@ class StartPose(Parameters):
     yaw_deg: float = param(0.0, 'heading, from x (east) towards y (north)', unit='deg', low=-360.0,
                            high=360.0)
     joint_angle_rad: tuple[float, ...] = param((0.0,), 'leg angles: one for all legs, or one for '
-                                               'each', unit='rad', low=-6.3, high=6.3)
+                                               'each', unit='rad', low=-5.0, high=5.0)
     settle_s: float = param(1.0, 'simulated time for the rover to come to rest before time 0',
                             unit='s', low=0.0, high=60.0)
 
