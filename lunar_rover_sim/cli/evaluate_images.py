@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('second', metavar='B', help='set of images')
     parser.add_argument('--frames', type=int, default=FRAMES, metavar='N',
                         help='images of each set, evenly over it (default: %(default)s)')
-    parser.add_argument('--width', type=int, default=0, metavar='PX',
+    parser.add_argument('--width', type=int, metavar='PX',
                         help='scale images down to this width (default: that of the narrower set)')
     options.add_seed(parser, 1, 'seed of the resampling')
     options.add_folder(parser, f'folder for {JSON_FILE} and {FIGURE_FILE}', required=False)

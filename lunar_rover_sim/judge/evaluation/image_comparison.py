@@ -19,13 +19,13 @@ from lunar_rover_sim.base.files.results import plain
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.judge.evaluation import statistics
 from lunar_rover_sim.judge.evaluation.image_layouts import ImageSet, open_images
-from lunar_rover_sim.judge.evaluation.image_statistics import (image_statistics, LOG_BINS,
-                                                               LOG_FLOOR, LOG_STEP, MEASURES)
+from lunar_rover_sim.judge.evaluation.image_statistics import (image_statistics, LEAST_PX,
+                                                               LOG_BINS, LOG_FLOOR, LOG_STEP,
+                                                               MEASURES)
 from lunar_rover_sim.judge.evaluation.statistics import Difference, SeriesMean
 
 FRAMES = 40
 DISTANCE = 'log gradient distance'
-_LEAST_WIDTH = 32
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,13 +95,13 @@ class ImageComparison:
 
 
 def compare_images(first: Path | str, second: Path | str, *, frames: int = FRAMES,
-                   width_px: int = 0, seed: int = 1,
+                   width_px: int | None = None, seed: int = 1,
                    progress: Callable[[], None] | None = None) -> ImageComparison:
     """Compare two sets of images.
 
     Args:
         frames: At most so many images of each set, evenly over it.
-        width_px: Images are scaled down to this width; 0 for that of the narrower set.
+        width_px: Images are scaled down to this width; by default to that of the narrower set.
         seed: Of the bootstrap.
         progress: Called once per image.
 
@@ -111,15 +111,14 @@ def compare_images(first: Path | str, second: Path | str, *, frames: int = FRAME
     """
     if frames < 1:
         raise EvaluationError(f'frames: {frames} is not valid; valid is at least 1')
-    if width_px < 0 or 0 < width_px < _LEAST_WIDTH:
-        raise EvaluationError(f'width: {width_px} is not valid; valid is at least {_LEAST_WIDTH} '
-                              'px, or 0 for that of the narrower set')
+    if width_px is not None and width_px < LEAST_PX:
+        raise EvaluationError(f'width: {width_px} is not valid; valid is at least {LEAST_PX} px')
     sets = open_images(first), open_images(second)
     firsts = [next(images.read(1)) for images in sets]
     widths = [pair.left.shape[1] for pair in firsts]
     # One definition for both: one that only one set could meet would itself make a gap.
     truth_shows_sky = all(pair.truth_px is not None for pair in firsts)
-    width = min(widths + [width_px] if width_px else widths)
+    width = min([*widths, *([] if width_px is None else [width_px])])
     a, b = (_measured(images, frames, width, truth_shows_sky, progress) for images in sets)
     rng = np.random.default_rng(seed)
     rows = []
@@ -135,7 +134,12 @@ def _measured(images: ImageSet, frames: int, width_px: int, truth_shows_sky: boo
               progress: Callable[[], None] | None) -> SetStatistics:
     found = []
     for pair in images.read(frames):
-        found.append(image_statistics(pair.narrowed(width_px), truth_shows_sky))
+        narrow = pair.narrowed(width_px)
+        if len(narrow.left) < LEAST_PX:
+            raise EvaluationError(f'{images.path}: {pair.name} is {len(narrow.left)} px high at '
+                                  f'the common width of {width_px} px; valid is at least '
+                                  f'{LEAST_PX} px')
+        found.append(image_statistics(narrow, truth_shows_sky))
         if progress is not None:
             progress()
     return SetStatistics(images, np.stack([one.values for one in found]),

@@ -22,6 +22,7 @@ from lunar_rover_sim.image.stereo.config import SgmConfig
 from lunar_rover_sim.image.stereo.error import stereo_errors
 from lunar_rover_sim.image.stereo.sgm import SgmMatcher
 
+LEAST_PX = 32       # a side of an image
 F32 = NDArray[np.float32]
 
 
@@ -59,7 +60,11 @@ class GreyPair(NamedTuple):
 
 
 def check_sizes(pair: GreyPair, path: Path) -> None:
-    """Raise EvaluationError if right image or truth are not as large as the left image."""
+    """Raise EvaluationError for small images, and other sizes of the right image or the truth."""
+    height, width = pair.left.shape
+    if min(height, width) < LEAST_PX:
+        raise EvaluationError(f'{path}: {width} x {height} px are not valid; valid is at least '
+                              f'{LEAST_PX} x {LEAST_PX} px')
     for what, other in (('right image', pair.right), ('true depth', pair.truth_px)):
         if other is not None and other.shape != pair.left.shape:
             sizes = [' x '.join(map(str, image.shape[::-1])) for image in (other, pair.left)]

@@ -15,6 +15,7 @@ from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.frames import Array, distance_along
 
 Stamps = NDArray[np.int64]
+_UNIT_TOLERANCE = 0.02      # of a quaternion's length: two decimals in a file leave 1 %
 
 
 class StampedState(Protocol):
@@ -87,9 +88,11 @@ class Trajectory:
             raise EvaluationError(f'{self.name}: stamps do not increase: pose {k} at '
                                   f'{stamps[k]} ns follows {stamps[k - 1]} ns')
         norms = np.linalg.norm(quats, axis=1)
-        if n and norms.min() < 0.5:
-            raise EvaluationError(f'{self.name}: pose {int(np.argmin(norms))} has a quaternion of '
-                                  f'length {norms.min():.3g}; valid is 1')
+        off = np.abs(norms - 1.0)
+        if n and off.max() > _UNIT_TOLERANCE:
+            raise EvaluationError(f'{self.name}: pose {int(np.argmax(off))} has a quaternion of '
+                                  f'length {norms[np.argmax(off)]:.4g}; valid is 1 within '
+                                  f'{100 * _UNIT_TOLERANCE:g} %')
         quats /= norms[:, None]
         for field, value in (('stamps_ns', stamps), ('positions_m', positions),
                              ('orientations_wxyz', quats)):

@@ -20,7 +20,8 @@ from lunar_rover_sim.judge.evaluation.registration import align as align_traject
 from lunar_rover_sim.judge.evaluation.registration import Alignment, associate, DEFAULT_TOLERANCE_S
 from lunar_rover_sim.judge.evaluation.trajectory import Stamps, Trajectory
 from lunar_rover_sim.judge.evaluation.trajectory_sources import (bag_of, frame_on_rover,
-                                                                 image_stamps_ns, load, Source)
+                                                                 image_stamps_ns, is_unstamped,
+                                                                 load, Source)
 
 _JUMP_M, _JUMP_FACTOR = 0.1, 20.0       # a step whose error is beyond both; of the median step
 
@@ -157,7 +158,8 @@ def evaluate(truth: Source, estimate: Source, *, align: str = 'se3', truth_frame
         tolerance_s: Largest distance in time between an estimated and a true pose [s].
         distance_m: Way between the poses of a pair in the relative errors [m].
         time_s: Time between the poses of a pair in the relative errors [s].
-        times: File with the stamps of KITTI files, one a line.
+        times: File with the stamps of KITTI files, one a line. Without it, two KITTI files are
+            compared pose by pose, at 10 Hz.
         frame_stamps_ns: Stamps of the images that the estimator was given, by default those of the
             images, or of their CameraInfo, in the bag of the truth; without any the share tracked
             is that of the truth's time, at the estimate's median rate.
@@ -170,9 +172,21 @@ def evaluate(truth: Source, estimate: Source, *, align: str = 'se3', truth_frame
     """
     options = EvaluationOptions(align, tolerance_s, distance_m, time_s)
     for name in ('distance_m', 'time_s'):
-        if not getattr(options, name) > 0.0:
-            raise EvaluationError(f'{name}: {getattr(options, name)} is not valid; valid is > 0')
+        if not 0.0 < getattr(options, name) < math.inf:
+            raise EvaluationError(f'{name}: {getattr(options, name)} is not valid; valid is > 0 '
+                                  'and finite')
+    unstamped = [is_unstamped(source) for source in (truth, estimate)]
+    if times is not None and not any(unstamped):
+        raise EvaluationError(f'times: {times} is not used: neither {truth} nor {estimate} is a '
+                              'KITTI file, and all others have stamps')
+    if times is None and any(unstamped) and not all(unstamped):
+        raise EvaluationError(f'{estimate if unstamped[1] else truth}: is a KITTI file, which has '
+                              'no stamps; name a file with one stamp a line (--times)')
     true, estimated = load(truth, times), load(estimate, times)
+    if times is None and all(unstamped) and len(true) != len(estimated):
+        raise EvaluationError(f'{truth} has {len(true)} poses and {estimate} {len(estimated)}, and '
+                              'KITTI files have no stamps; valid are as many poses in both, one '
+                              'for each frame')
     if bag_of(truth) is not None:
         estimated = _in_simulated_time(estimated, true)
     of_estimate = true

@@ -4,7 +4,7 @@
   the size of the numbers shows which they are.
 - EuRoC: CSV, `stamp [ns], x, y, z, qw, qx, qy, qz` and more columns, which are not read.
 - KITTI: the upper three rows of T_fixed_moving, 12 numbers, no stamps; those come from a file with
-  one stamp a line (seconds, or integer ns), or are numbered at 10 Hz.
+  one stamp a line (seconds, or integer ns). Without it they are numbered at 10 Hz.
 """
 
 from __future__ import annotations
@@ -59,8 +59,9 @@ def read_kitti(path: Path | str, times: Path | str | None = None) -> Trajectory:
     values = np.array([[_number(path, line, word) for word in words] for line, words in rows])
     matrices = values.reshape(-1, 3, 4)
     if len(matrices):
-        skew = np.abs(matrices[:, :, :3] @ matrices[:, :, :3].transpose(0, 2, 1) - np.eye(3))
-        bad = ~(skew.max(axis=(1, 2)) < 1e-3)
+        rotations = matrices[:, :, :3]
+        skew = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3))
+        bad = ~(skew.max(axis=(1, 2)) < 1e-3) | ~(np.linalg.det(rotations) > 0.0)
         if bad.any():
             raise EvaluationError(f'{path}: line {rows[int(np.argmax(bad))][0]}: the first three '
                                   'columns are no rotation')
@@ -80,10 +81,10 @@ def write_tum(path: Path | str, trajectory: Trajectory) -> None:
 def read_trajectory(path: Path | str, times: Path | str | None = None) -> Trajectory:
     """Read a trajectory file of any format; its suffix and its first line show which."""
     path = Path(path)
+    if is_kitti(path):
+        return read_kitti(path, times)
     for line, words in _rows(path, 1, None):
         count = len(words)
-        if count == 12 and path.suffix.lower() != '.csv':
-            return read_kitti(path, times)
         if path.suffix.lower() == '.csv':
             return read_euroc(path)
         if count == 8:
@@ -91,6 +92,12 @@ def read_trajectory(path: Path | str, times: Path | str | None = None) -> Trajec
         raise EvaluationError(f'{path}: line {line} has {count} columns; valid are 8 (TUM), 12 '
                               '(KITTI), or a .csv file (EuRoC)')
     raise EvaluationError(f'{path}: holds no poses')
+
+
+def is_kitti(path: Path) -> bool:
+    """Return whether a file has the rows of KITTI, which have no stamps."""
+    first = next(_rows(path, 1, None), (0, []))
+    return len(first[1]) == 12 and path.suffix.lower() != '.csv'
 
 
 def _rows(path: Path, least: int, most: int | None) -> Iterator[tuple[int, list[str]]]:

@@ -15,7 +15,7 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
-from lunar_rover_sim.judge.evaluation.trajectory_files import read_trajectory
+from lunar_rover_sim.judge.evaluation.trajectory_files import is_kitti, read_trajectory
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.recorded_run import RecordedRun, rover_frame
 
@@ -96,13 +96,26 @@ def load(source: Source, times: str | Path | None = None) -> Trajectory:
     """
     if isinstance(source, Trajectory):
         return source
-    path, topic = split(source)
-    if not path.exists():
-        raise EvaluationError(f'{path}: there is no such file or bag')
+    path, topic = _existing(source)
     if not is_bag(path):
         return read_trajectory(path, times)
     with open_bag(path) as bag:
         return trajectory_of_topic(bag, topic)
+
+
+def is_unstamped(source: Source) -> bool:
+    """Return whether a source is a file without stamps; EvaluationError if there is none."""
+    if isinstance(source, Trajectory):
+        return False
+    path, _ = _existing(source)
+    return not is_bag(path) and is_kitti(path)
+
+
+def _existing(source: str | Path) -> tuple[Path, str]:
+    path, topic = split(source)
+    if not path.exists():
+        raise EvaluationError(f'{path}: there is no such file or bag')
+    return path, topic
 
 
 def split(source: str | Path) -> tuple[Path, str]:

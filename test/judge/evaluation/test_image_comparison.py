@@ -179,10 +179,16 @@ def test_command(plain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     (['{}', '{}'], 'holds no images; valid are a bag'),
     (['{}', '{}', '--frames', '0'], 'frames: 0 is not valid'),
     (['{}', '{}', '--width', '31'], 'width: 31 is not valid'),
+    (['{}', '{}', '--width', '0'], 'width: 0 is not valid'),
+    (['{}/dot', '{}/dot'], '0.png: 1 x 1 px are not valid'),
+    (['{}/wide', '{}/wide', '--width', '64'], 'is 3 px high at the common width of 64 px'),
 ])
 def test_bad_input(arguments: list[str], problem: str, tmp_path: Path,
                    capsys: pytest.CaptureFixture[str]) -> None:
     """One line each."""
+    for name, shape in (('dot', (1, 1)), ('wide', (32, 640))):
+        (tmp_path / name).mkdir()
+        write_png(tmp_path / name / '0.png', np.zeros(shape, np.uint8))
     words = [word.format(tmp_path) for word in arguments]
     assert main(['evaluate', 'images', *words]) == 1
     error = capsys.readouterr().err

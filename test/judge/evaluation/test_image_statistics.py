@@ -198,12 +198,15 @@ def test_items_are_chosen_evenly(most, expected):
 
 
 def test_images_of_other_sizes_are_named(tmp_path):
-    left = np.zeros((4, 6), np.float32)
+    left = np.zeros((40, 60), np.float32)
     check_sizes(GreyPair('', left, left, left), tmp_path)
-    with pytest.raises(EvaluationError, match='right image has 5 x 4 px, the left image 6 x 4'):
-        check_sizes(GreyPair('', left, left[:, :5]), tmp_path)
-    with pytest.raises(EvaluationError, match='the true depth has 6 x 3 px'):
-        check_sizes(GreyPair('', left, None, left[:3]), tmp_path)
+    with pytest.raises(EvaluationError, match='right image has 50 x 40 px, the left image 60 x 40'):
+        check_sizes(GreyPair('', left, left[:, :50]), tmp_path)
+    with pytest.raises(EvaluationError, match='the true depth has 60 x 30 px'):
+        check_sizes(GreyPair('', left, None, left[:30]), tmp_path)
+    for small in (left[:1, :1], left[:31], left[:, :31]):
+        with pytest.raises(EvaluationError, match='px are not valid; valid is at least 32 x 32'):
+            check_sizes(GreyPair('', small), tmp_path)
 
 
 @pytest.fixture(scope='module')

@@ -131,7 +131,9 @@ def test_the_length_of_the_path_is_that_of_the_recording(bag):
     ({'estimate_frame': 'lefd'}, ConfigError, 'did you mean left'),
     ({'distance_m': 0.0}, EvaluationError, 'distance_m: 0.0 is not valid; valid is > 0'),
     ({'time_s': float('nan')}, EvaluationError, 'time_s: nan is not valid; valid is > 0'),
-    ({'tolerance_s': -1.0}, EvaluationError, 'tolerance: -1.0 is not valid; valid is >= 0')])
+    ({'distance_m': float('inf')}, EvaluationError, 'distance_m: inf is not valid'),
+    *(({'tolerance_s': bad}, EvaluationError, f'tolerance: {bad} is not valid; valid is 0 to')
+      for bad in (-1e-9, float('inf'), float('nan'), 2000.0))])
 def test_bad_options_are_one_line(options, error, words):
     truth = wander(100, 12)
     with pytest.raises(error, match=words) as caught:

@@ -1,12 +1,16 @@
 """Trajectories in files: what is kept, and what is refused."""
 
 import dataclasses
+import json
+from pathlib import Path
+import re
 
 from judge.evaluation.wandering import files_of_others, wander
 import numpy as np
 import pytest
 
 from lunar_rover_sim.base.errors import EvaluationError
+from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.judge.evaluation import trajectory_files
 from lunar_rover_sim.judge.evaluation import trajectory_sources as sources
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
@@ -48,6 +52,8 @@ BAD_FILES = {
     'columns.txt': ('1 2 3 4\n', 'line 1 has 4 columns'),
     'unsorted.txt': ('0.2 0 0 0 0 0 0 1\n0.1 0 0 0 0 0 0 1\n', 'line 2: stamp'),
     'zero.txt': ('0.1 0 0 0 0 0 0 0\n', 'quaternion of length 0'),
+    'long.txt': ('0.1 0 0 0 0 60 0 80\n', 'quaternion of length 100; valid is 1'),
+    'mirror.txt': ('1 0 0 0 0 1 0 0 0 0 -1 0\n', 'line 1: the first three columns'),
     'skew.txt': ('1 0 0 0 0 2 0 0 0 0 1 0\n', 'line 1: the first three columns'),
 }
 
@@ -59,6 +65,29 @@ def test_bad_files_are_named(tmp_path, name):
     with pytest.raises(EvaluationError, match=words) as error:
         sources.load(tmp_path / name)
     assert name in str(error.value) and '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize(('words', 'problem'), [
+    ('tum.txt kitti.txt', 'kitti.txt: is a KITTI file, which has no stamps'),
+    ('kitti.txt data.csv', 'kitti.txt: is a KITTI file, which has no stamps'),
+    ('tum.txt data.csv --times times.txt', 'times.txt is not used'),
+    ('kitti.txt short.txt', 'kitti.txt has 50 poses and .*short.txt 49'),
+    ('short.txt tum.txt --times times.txt', '49 poses, but 50 stamps')])
+def test_files_without_stamps_are_not_given_any_in_silence(tmp_path, monkeypatch, capsys, words,
+                                                           problem):
+    """KITTI numbered at 10 Hz, against a truth at 20, had an error of its own."""
+    monkeypatch.chdir(tmp_path)
+    truth = wander(50, 9)
+    trajectory_files.write_tum('tum.txt', truth)
+    files_of_others(Path('data.csv'), Path('kitti.txt'), Path('times.txt'), truth)
+    rows = Path('kitti.txt').read_text().splitlines(keepends=True)
+    Path('short.txt').write_text(''.join(rows[1:]))
+    assert main(['evaluate', *words.split()]) == 1
+    said = capsys.readouterr().err
+    assert re.search(problem, said) and said.count('\n') == 1
+    for pair in ('kitti.txt kitti.txt', 'tum.txt kitti.txt --times times.txt'):
+        assert main(['evaluate', *pair.split(), '--json']) == 0
+        assert json.loads(capsys.readouterr().out)['ate_m']['max'] < 1e-9
 
 
 def test_more_bad_input(tmp_path):
