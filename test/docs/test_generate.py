@@ -32,8 +32,8 @@ def test_tables_are_complete(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_published_table(monkeypatch: pytest.MonkeyPatch) -> None:
     """The page of a sweep shows value, system and success; what is always the same is left out."""
-    drives = ROOT / 'docs' / 'measurements' / 'failure_curve_rate.csv'
+    drives = ROOT / 'docs' / 'measurements' / 'table_1_rates.csv'
     head, _, *rows = script('benchmarks', monkeypatch).table(drives).splitlines()
     assert head.startswith('| render_node.frame_rate_hz | system | success | ATE [m] |')
-    assert rows[0].startswith('| 5 | reference | 5/8 | 0.0026 [0.0020, 0.0037] |')
-    assert len(rows) == 10
+    assert rows[0].startswith('| 10 | reference | 5/5 | 0.0023 [0.0018, 0.0067] |')
+    assert len(rows) == 4

@@ -126,7 +126,8 @@ def _draw_values(axis: Axes, places: Sequence[float], rows: Sequence[TableRow],
     medians = [getattr(row, name) for row in rows]
     colour = _whiskers(axis, places, np.array([[m.value, m.low, m.high] for m in medians]), style)
     for place, row in zip(places, rows):
-        own = [one for one in judged if row_of(one) == row.key]
+        own = [one for one in judged
+               if row_of(one) == row.key and not table.tipped_over(one)]
         for good, marker in ((True, 'x'), (False, 'o')):
             of_drives = [100.0 * one.result.tracked_share if name == 'tracked'
                          else getattr(one.result, name)
@@ -222,7 +223,7 @@ def _statement(judged: Sequence[Judged], systems: Sequence[str]) -> list[str]:
         ' '.join(parts) + _of_scenarios(judged)
         + f'; {"system" if len(systems) == 1 else "systems"} {", ".join(systems)}.',
         f'A drive is a success if {100 * table.SUCCESS_SHARE:g} % of its frames are tracked, in '
-        'one map. Medians over the successes with 95 % intervals of the bootstrap; tracked and '
+        'one map; drives on which the rover tips over are left out. Medians over the successes with 95 % intervals of the bootstrap; tracked and '
         'distance over all drives. Mono is aligned by Sim(3), the others by SE(3); scale is true '
         'over estimated size of the path, by Sim(3); RPE is over pieces of 1 m. Distance is '
         'horizontal, in steps of 0.1 s.']

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import dataclasses
+import math
 from pathlib import Path
 import shutil
 from typing import Any
@@ -49,6 +50,8 @@ class SlamResult:
         drift_percent: Drift in percent of the distance.
         distance_m: Distance driven over the whole recording [m].
         duration_s, wall_s: Simulated time of the recording, and wall time of the estimator [s].
+        tipped_over_s: When the rover tipped over [s]; NaN if it did not. The drive then says
+            little of the estimator.
     """
 
     system: str
@@ -64,6 +67,7 @@ class SlamResult:
     distance_m: float = float('nan')
     duration_s: float = float('nan')
     wall_s: float = float('nan')
+    tipped_over_s: float = float('nan')
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values for JSON; NaN becomes None."""
@@ -128,9 +132,11 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         if kept_sequence is None:
             shutil.rmtree(sequence, ignore_errors=True)
     step('evaluating', None)
-    reason = join(outcome.reason, tipped_over(truth))
+    tipped_s = tipped_over_s(truth)
+    reason = join(outcome.reason,
+                  '' if math.isnan(tipped_s) else f'the rover tipped over at {tipped_s:.1f} s')
     known = SlamResult(estimator.system, estimator.sensor, reason, len(outcome.frames_ns),
-                       distance_m=distance_m, wall_s=outcome.wall_s,
+                       distance_m=distance_m, wall_s=outcome.wall_s, tipped_over_s=tipped_s,
                        duration_s=1e-9 * float(truth.stamps_ns[-1] - truth.stamps_ns[0]))
     if outcome.trajectory is None:
         return known
@@ -154,13 +160,10 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         rpe_m=judged.rpe_distance_m.rmse, drift_percent=judged.drift_percent)
 
 
-def tipped_over(truth: Trajectory) -> str:
-    """Return when the rover tipped over, in words; empty if it did not.
-
-    A track that is lost then says little of the estimator.
-    """
+def tipped_over_s(truth: Trajectory) -> float:
+    """Return when the rover tipped over [s]; NaN if it did not."""
     tip_over = TipOver()
     for stamp_ns, orientation_wxyz in zip(truth.stamps_ns, truth.orientations_wxyz):
         if tip_over.has_begun(orientation_wxyz):
-            return f'the rover tipped over at {stamp_ns * 1e-9:.1f} s'
-    return ''
+            return float(stamp_ns * 1e-9)
+    return math.nan

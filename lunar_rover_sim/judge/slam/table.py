@@ -33,7 +33,7 @@ class TableRow:
     duration_s [s].
 
     Attributes:
-        drives: Number of drives.
+        drives: Number of drives on which the rover did not tip over.
         successes: Those of which it tracked nearly all, see `is_success`.
         success: Their share, with its interval.
         reasons: What went wrong, drive by drive.
@@ -68,14 +68,21 @@ def row_of(one: Judged) -> tuple[str, str, str, str]:
 
 def is_success(one: Judged) -> bool:
     """Return whether the estimator has poses, in one map, of nearly all frames of the drive."""
-    return (not one.failed and bool(np.isfinite(one.result.ate_m))
+    return (not one.failed and not tipped_over(one) and bool(np.isfinite(one.result.ate_m))
             and one.result.tracked_share >= SUCCESS_SHARE)
+
+
+def tipped_over(one: Judged) -> bool:
+    """Return whether the rover tipped over: neither a success nor a failure of an estimator."""
+    return bool(np.isfinite(one.result.tipped_over_s))
 
 
 def _what_went_wrong(one: Judged) -> str:
     result = one.result
     if one.failed or is_success(one):
         return result.reason
+    if tipped_over(one):
+        return join('left out', result.reason)
     share = f'tracked {100.0 * result.tracked_share:.3g} % of the frames'
     error = f', ATE of these {result.ate_m:.4f} m' if np.isfinite(result.ate_m) else ''
     return join(share + error, result.reason)
@@ -89,12 +96,13 @@ def rows_of(judged: Iterable[Judged]) -> list[TableRow]:
     rows = []
     for (scenario, value, sensor, system), group in groups.items():
         # A lost track counts as zero; a drive that failed for another reason does not count.
-        ran = [one.result for one in group if not one.failed]
+        upright = [one for one in group if not tipped_over(one)]
+        ran = [one.result for one in upright if not one.failed]
         good = [one.result for one in group if is_success(one)]
         reasons = [f'seed {one.drive.seed}: {text}' for one in group
                    if (text := _what_went_wrong(one))]
-        rows.append(TableRow(scenario, value, sensor, system, len(group), len(good),
-                             Share.of(len(good), len(group)),
+        rows.append(TableRow(scenario, value, sensor, system, len(upright), len(good),
+                             Share.of(len(good), len(upright)),
                              Median.of(r.ate_m for r in good),
                              Median.of(r.ate_percent for r in good),
                              Median.of(r.scale for r in good), Median.of(r.rpe_m for r in good),
@@ -112,7 +120,7 @@ def steps(rows: Sequence[TableRow], judged: Sequence[Judged]) -> list[str]:
     """
     errors: dict[tuple[str, str, str, str], dict[int, float]] = {}
     for one in judged:
-        if not one.failed:
+        if not one.failed and not tipped_over(one):
             errors.setdefault(row_of(one), {})[one.drive.seed] = (
                 one.result.ate_m if is_success(one) else float('inf'))
     found = []

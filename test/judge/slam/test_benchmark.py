@@ -22,7 +22,7 @@ from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
 from lunar_rover_sim.judge.slam import benchmark, table
 from lunar_rover_sim.judge.slam.benchmark import Cell, plan
 from lunar_rover_sim.judge.slam.estimators import Estimator
-from lunar_rover_sim.judge.slam.run_on_bag import tipped_over
+from lunar_rover_sim.judge.slam.run_on_bag import tipped_over_s
 from lunar_rover_sim.run.recording import Recording
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -193,8 +193,9 @@ def test_a_rover_that_tips_over_is_named() -> None:
     turns = [wxyz_from_rpy(np.radians(roll_deg), 0.0, 1.0)
              for roll_deg in (0.0, 60.0, 95.0, 120.0, 20.0, 100.0)]
     truth = Trajectory(stamps_ns, np.zeros((6, 3)), np.array(turns))
-    assert tipped_over(truth) == 'the rover tipped over at 1.5 s'
-    assert tipped_over(Trajectory(stamps_ns[:2], np.zeros((2, 3)), np.array(turns[:2]))) == ''
+    assert tipped_over_s(truth) == 1.5
+    assert np.isnan(tipped_over_s(Trajectory(stamps_ns[:2], np.zeros((2, 3)),
+                                              np.array(turns[:2]))))
 
 
 def test_steps_tell_how_far_they_are(tmp_path, bag) -> None:

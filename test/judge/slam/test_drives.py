@@ -384,6 +384,12 @@ def test_a_sweep_compares_neighbours() -> None:
         '(n = 8, effect +1.00, p = 0.0078, q = 0.016 of 2 tests)',
         'baseline, stereo, reference, from 6 to 10: the error is not shown to differ '
         '(n = 8, effect -1.00, p = 1, q = 1 of 2 tests)']
+    # A rover that tips over tells nothing: neither success nor failure, nor a pair.
+    cells = [dataclasses.replace(one, result=dataclasses.replace(one.result, tipped_over_s=3.0))
+             if one.drive.seed == 1 else one for one in cells]
+    assert [(row.successes, row.drives) for row in rows_of(cells)] == [(4, 7), (7, 7), (7, 7)]
+    assert 'seed 1: left out' in rows_of(cells)[1].reasons[0]
+    assert 'n = 7' in table.steps(rows_of(cells), cells)[0]
     # Among eleven steps of nothing, the same drives show nothing.
     cells += [one for value in range(11, 22)
               for one in drives('baseline', 'stereo', [0.01] * 8, value=str(value))]
