@@ -184,9 +184,9 @@ def evaluate(truth: Source, estimate: Source, *, align: str = 'se3', truth_frame
                               'no stamps; name a file with one stamp a line (--times)')
     true, estimated = load(truth, times), load(estimate, times)
     if times is None and all(unstamped) and len(true) != len(estimated):
-        raise EvaluationError(f'{truth} has {len(true)} poses and {estimate} {len(estimated)}, and '
-                              'KITTI files have no stamps; valid are as many poses in both, one '
-                              'for each frame')
+        raise EvaluationError(f'{truth} has {len(true)} poses and {estimate} {len(estimated)}; '
+                              'KITTI files have no stamps, so valid are as many in both, or a '
+                              'file with one stamp a line (--times)')
     if bag_of(truth) is not None:
         estimated = _in_simulated_time(estimated, true)
     of_estimate = true

@@ -120,7 +120,8 @@ def _mount(sequence: Path, sensor: dict[str, Any]) -> Array:
     matrix = np.reshape(_numbers(sequence, mount if isinstance(mount, dict) else {}, 'data', 16),
                         (4, 4))
     skew = matrix[:3, :3] @ matrix[:3, :3].T - np.eye(3)
-    if np.linalg.det(matrix[:3, :3]) < 0.0 or np.abs(skew).max() > _SKEW or np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > _SKEW:
+    if (np.linalg.det(matrix[:3, :3]) < 0.0 or np.abs(skew).max() > _SKEW
+            or np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > _SKEW):
         raise SlamError(f'{sequence}: T_BS is not a pose')
     return matrix
 

@@ -200,7 +200,7 @@ def test_items_are_chosen_evenly(most, expected):
 def test_images_of_other_sizes_are_named(tmp_path):
     left = np.zeros((40, 60), np.float32)
     check_sizes(GreyPair('', left, left, left), tmp_path)
-    with pytest.raises(EvaluationError, match='right image has 50 x 40 px, the left image 60 x 40'):
+    with pytest.raises(EvaluationError, match='right image has 50 x 40 px, the left image 60'):
         check_sizes(GreyPair('', left, left[:, :50]), tmp_path)
     with pytest.raises(EvaluationError, match='the true depth has 60 x 30 px'):
         check_sizes(GreyPair('', left, None, left[:30]), tmp_path)
