@@ -17,6 +17,7 @@ from lunar_rover_sim.base.errors import CampaignError, one_line
 from lunar_rover_sim.base.files.atomic import atomic_write, sync_folder
 from lunar_rover_sim.base.files.paths import file_hash
 from lunar_rover_sim.base.files.yaml_text import read_text
+from lunar_rover_sim.run.plan import WORLD_LINK
 
 MANIFEST = 'manifest.json'
 FORMAT = 1
@@ -102,3 +103,10 @@ def episode_files(folder: Path) -> dict[str, Path]:
     """Return relative path → path of the files of an episode; links and manifest are left out."""
     return {path.relative_to(folder).as_posix(): path for path in folder.rglob('*')
             if path.is_file() and not path.is_symlink() and path.name != MANIFEST}
+
+
+def strangers(folder: Path) -> list[str]:
+    """Return what is neither file nor folder in an episode, but for the link to its world."""
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob('*')
+                  if path.is_symlink() or not (path.is_file() or path.is_dir())
+                  if path != folder / WORLD_LINK)

@@ -8,14 +8,16 @@ import json
 from pathlib import Path
 from typing import Any
 
+from lunar_rover_sim.bag.content_hash import bag_hash
 from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.errors import CampaignError, LunarRoverSimError
-from lunar_rover_sim.base.files.paths import file_hash
+from lunar_rover_sim.base.files.paths import BAG_FOLDER, file_hash
 from lunar_rover_sim.campaign.campaign_file import Campaign, parse_campaign
 from lunar_rover_sim.campaign.dataset import failures, mapping_hash
 from lunar_rover_sim.campaign.episode_plans import draw, episode_names
 from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES, PARTIAL
-from lunar_rover_sim.campaign.manifest import episode_files, MANIFEST, read_json, why_unfinished
+from lunar_rover_sim.campaign.manifest import (episode_files, MANIFEST, read_json, strangers,
+                                               why_unfinished)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,6 +60,9 @@ def status(dataset: Path) -> dict[str, Any]:
 
 def verify(dataset: Path, seen: Callable[[str], None] = lambda name: None) -> Verification:
     """Compare a data set with its plan, and each episode with its manifest; all files are read.
+
+    Statistics and checks in a manifest are not computed anew, nor is the hash of a bag that was
+    not kept.
 
     Args:
         seen: Called with the name of each episode.
@@ -133,7 +138,21 @@ def _problem(episode: Path, drawn: Mapping[str, Any] | None) -> str:
             del gone[before]
             parts.append(f'{before} was renamed to {name}')
     parts += [f'{brief(name)} is missing' for name in gone]
-    return '; '.join(parts) or why_unfinished(episode) or ''
+    parts += [f'{name} is no file, and was added' for name in strangers(episode)]
+    return '; '.join(parts) or why_unfinished(episode) or _other_bag(episode, manifest)
+
+
+def _other_bag(episode: Path, manifest: Mapping[str, Any]) -> str:
+    """Return whether the manifest names another hash than that of the bag; '' without a bag."""
+    bag = episode / BAG_FOLDER
+    if not bag.is_dir():
+        return ''
+    try:
+        found = bag_hash(bag)
+    except LunarRoverSimError as error:
+        return str(error)
+    named = manifest.get('bag_hash')
+    return '' if named == found else f'bag_hash {brief(named)} is not that of its bag, {found}'
 
 
 def _read(path: Path) -> dict[str, Any] | str:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lunar_rover_sim.base.files.paths import check_file
-from lunar_rover_sim.campaign.card import make_card, write_card
-from lunar_rover_sim.campaign.page import write_page
+from lunar_rover_sim.campaign.card import write_card
 from lunar_rover_sim.campaign.sharding import TEST, VALIDATION, write_shards
 from lunar_rover_sim.campaign.verification import status, verify
 from lunar_rover_sim.cli import options
@@ -20,7 +18,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     datasets = parser.add_subparsers(metavar='WHAT', required=True)
     for name, run, text in (
             ('status', _status, 'how many episodes are finished, failed and missing'),
-            ('show', _show, 'one HTML page: pictures, paths on the ground, statistics'),
             ('verify', _verify, 'compare the episodes with the plan, and every file with the '
                                 'manifests; exits with 1 if anything was changed, deleted, added '
                                 'or renamed'),
@@ -31,11 +28,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         command.add_argument('dataset', type=Path, metavar='DIR', help='folder of the data set')
         if name == 'status':
             options.add_json(command)
-        if name == 'show':
-            options.add_output(command, check_file, 'FILE', 'the page; by default DIR/index.html',
-                               required=False)
-            options.add_number(command, '--most', 0, kind=int, default=100,
-                               help='episodes shown with pictures')
         if name == 'shards':
             _add_shards(command)
 
@@ -59,15 +51,6 @@ def _status(args: argparse.Namespace) -> int:
         f'{len(found["failed"])} failed, {len(found["missing"])} missing')
     for name, error in found['failed'].items():
         say(f'{name} failed: {error}')
-    return 0
-
-
-def _show(args: argparse.Namespace) -> int:
-    card = make_card(args.dataset)
-    output = args.output or args.dataset / 'index.html'
-    with Progress('drawing') as progress:
-        write_page(args.dataset, card, output, args.most, progress.named)
-    say(output)
     return 0
 
 

@@ -233,6 +233,8 @@ def dataset(tmp_path: Path) -> Path:
      {'0001': 'is missing', '0007': 'is not in the plan'}),
     (lambda d: (d / '0001').rename(d / '0002'),
      {'0001': 'is missing', '0002': "is episode '0001': the folder was renamed"}),
+    (lambda d: (d / '0000' / 'passwd').symlink_to('/etc/passwd'), {'0000': 'passwd is no file'}),
+    (lambda d: (d / '0000' / 'world').symlink_to('/etc'), {}),
     (lambda d: (d / 'readme').write_text('mine'), {'readme': 'is not in the plan'}),
     (lambda d: shutil.rmtree(d.parent / 'failed'), {'0002': 'is missing'}),
     (lambda d: (d / '0000' / MANIFEST).write_text(
@@ -254,3 +256,14 @@ def test_verify_compares_with_the_plan(change: Callable[[Path], object], found: 
     said = capsys.readouterr().out
     assert all(f'{name}: ' in said for name in found)
     assert found or '2 of 3 episodes are as they were made, 1 failed' in said
+
+
+def test_verify_computes_the_hash_of_a_bag_anew(dataset: Path) -> None:
+    episode = dataset / EPISODES / '0000'
+    bag = synthetic_bag.write(episode / 'bag', synthetic_bag.drive(0.2))
+    manifest = json.loads((episode / MANIFEST).read_text())
+    manifest.update(bag_hash=bag_hash(bag), files=file_table(episode))
+    write_json(episode / MANIFEST, manifest)
+    assert not verify(dataset).problems
+    write_json(episode / MANIFEST, {**manifest, 'bag_hash': 64 * '0'})
+    assert 'is not that of its bag' in verify(dataset).problems['0000']

@@ -15,7 +15,7 @@ from lunar_rover_sim.cli.main import main, parser
 WORDS = {
     'bag preview': ['bag'], 'bag video': ['bag'], 'bag recover': ['bag'], 'bag export': ['bag'],
     'benchmark': [], 'calibrate gait': [], 'campaign': ['polar_suns'],
-    'dataset shards': ['dataset'], 'dataset show': ['dataset'], 'demo': [],
+    'dataset shards': ['dataset'], 'demo': [],
     'evaluate images': ['a', 'b'],
     'evaluate map': ['bag'], 'validate navigation': [],
     'evaluate trajectory': ['a.txt', 'b.txt'], 'render': ['flat'], 'rover export': [],
@@ -25,7 +25,7 @@ WORDS = {
     'validate terramechanics': [], 'validate traverse': [], 'world build': [],
     'world export': ['world'],
     'world preview': ['world'], 'world sun': ['0', '-89']}
-OF_FILES = {'bag video': '.mp4', 'calibrate gait': '.yaml', 'dataset show': '.html',
+OF_FILES = {'bag video': '.mp4', 'calibrate gait': '.yaml', 
             'rover export': '.urdf', 'slam settings': '.yaml', 'slam train-vocabulary': '.txt',
             'validate imu': '.png', 'world export': '.glb', 'world preview': '.png',
             'world sun': '.png'}
@@ -39,8 +39,8 @@ INPUTS = [
     'calibrate gait {folder} -o {new}', 'calibrate gait --set rover={folder} -o {new}',
     'campaign {folder} -o {new}', 'campaign {file} -o {new}', 'campaign {device} --dry-run',
     'dataset shards {file} -o {new}', 'dataset shards {folder} -o {new}',
-    'dataset show {file}', 'dataset verify {file}', 'dataset card {file}',
-    'dataset show {folder}', 'dataset verify {folder}', 'dataset card {folder}',
+    'dataset verify {file}', 'dataset card {file}',
+    'dataset verify {folder}', 'dataset card {folder}',
     'evaluate {folder} {folder}', 'evaluate {file} {none}', 'evaluate {file} {file}',
     'evaluate images {folder} {folder}', 'evaluate images {file} {file}',
     'render {folder} -o {new}', 'render flat --world {file} -o {new}',
