@@ -25,7 +25,7 @@ WORDS = {
     'validate terramechanics': [], 'validate traverse': [], 'world build': [],
     'world export': ['world'],
     'world preview': ['world'], 'world sun': ['0', '-89']}
-OF_FILES = {'bag video': '.mp4', 'calibrate gait': '.yaml', 
+OF_FILES = {'bag video': '.mp4', 'calibrate gait': '.yaml',
             'rover export': '.urdf', 'slam settings': '.yaml', 'slam train-vocabulary': '.txt',
             'validate imu': '.png', 'world export': '.glb', 'world preview': '.png',
             'world sun': '.png'}
