@@ -11,6 +11,7 @@ sys.path[:0] = [str(ROOT / 'docs'), str(ROOT)]
 # The process that runs the notebook imports this tree too.
 os.environ['PYTHONPATH'] = os.pathsep.join(filter(None, (str(ROOT), os.environ.get('PYTHONPATH'))))
 
+import figures  # noqa: E402
 import generate  # noqa: E402
 
 import lunar_rover_sim  # noqa: E402
@@ -24,7 +25,9 @@ extensions = ['myst_nb', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
 exclude_patterns = ['_build', '_generated/*.md']
 source_suffix = {'.md': 'myst-nb', '.ipynb': 'myst-nb'}
 
-myst_enable_extensions = ['colon_fence', 'deflist']
+myst_enable_extensions = ['colon_fence', 'deflist', 'substitution']
+# Figures that pages take from docs/measurements/results.
+myst_substitutions = figures.substitutions()
 myst_heading_anchors = 3
 # Included parts begin below the title of the page that includes them.
 suppress_warnings = ['myst.header']
@@ -54,5 +57,5 @@ html_title = f'lunar_rover_sim {release}'
 html_show_sourcelink = False
 html_copy_source = False
 
-# Pages of the reference, and the picture of the architecture, come from the code.
+# Tables of the reference come from the code.
 generate.write_all(Path(__file__).parent)

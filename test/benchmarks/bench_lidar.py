@@ -9,6 +9,7 @@ difference counts: start and end, which are the same in both, drop out.
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 import tempfile
 import time
@@ -50,11 +51,19 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--runs', type=int, default=3)
     parser.add_argument('--scenario', default='baseline')
+    parser.add_argument('--json', type=Path, help='file of the values')
     args = parser.parse_args()
+    nodes, scans = [], []
     for _ in range(args.runs):
         in_graph, factor = of_node(args.scenario)
+        nodes.append(in_graph)
+        scans.append(alone(args.scenario))
         print(f'lidar_node {in_graph:.1f} ms of CPU a scan ({factor:.2f} times real time); '
-              f'Lidar.scan alone {alone(args.scenario):.1f} ms', flush=True)
+              f'Lidar.scan alone {scans[-1]:.1f} ms', flush=True)
+    if args.json:
+        args.json.write_text(json.dumps({
+            'node_ms': f'{min(nodes):.1f} to {max(nodes):.1f}',
+            'scan_ms': f'{min(scans):.1f} to {max(scans):.1f}', 'n': args.runs}))
     return 0
 
 

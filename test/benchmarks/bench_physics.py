@@ -11,6 +11,7 @@ Times are processor time of the one thread, the least of several rounds.
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 import sys
 import time
@@ -72,8 +73,8 @@ def walk(scenario: Scenario, simulation: Simulation) -> np.ndarray:
     return np.array(seconds)
 
 
-def compare_grounds() -> None:
-    """Print how fast walks on rigid and soft ground are, by the least of each piece."""
+def compare_grounds() -> dict[str, float]:
+    """Print and return how fast walks on rigid and soft ground are, by the least of each piece."""
     scenarios = {model: Scenario.load('baseline', [f'physics_node.ground.model={model}'])
                  for model in ('rigid', 'regolith')}
     simulations = {model: scenario.simulation() for model, scenario in scenarios.items()}
@@ -83,23 +84,17 @@ def compare_grounds() -> None:
             least[model] = np.minimum(least[model], walk(scenario, simulations[model]))
     rigid, soft = (3.0 / least[model].sum() for model in scenarios)
     print(f'rigid {rigid:.1f}, soft {soft:.1f} x real time, soft over rigid {rigid / soft:.2f}')
+    return {'rigid': round(rigid, 1), 'soft': round(soft, 1), 'ratio': round(rigid / soft, 2)}
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--large', action='store_true', help='a world of 100 times the cells')
-    parser.add_argument('--soft', action='store_true', help='soft against rigid ground only')
-    args = parser.parse_args()
-    if args.soft:
-        compare_grounds()
-        return
+def compare_worlds(large: bool) -> dict[str, float]:
+    """Print a table of worlds; return times real time of the default one."""
     world = build_world(WorldConfig(), seed=1)
     bare = make_world(world.ground.heights_m, world.ground.cell_m)
     cases = {f'{world.ground.n}^2, {len(world.rocks)} rocks': simulate(world),
              f'{world.ground.n}^2, no rocks': simulate(bare),
              'rough 2049^2, no rocks': simulate(large_world(2049))}
-    if args.large:
+    if large:
         cases['rough 20481^2, no rocks'] = simulate(large_world(20481))
     once = dict.fromkeys(cases, np.inf)
     full = dict.fromkeys(cases, np.inf)
@@ -111,6 +106,21 @@ def main() -> None:
     for name, simulation in cases.items():
         print(f'{name:30} {once[name] * 1e6:13.1f} {full[name] * 1e6:10.1f}'
               f' {full[name] / once[name]:6.2f} {simulation.config.step_s / full[name]:9.1f}x')
+    first = next(iter(cases))
+    return {'rocks': len(world.rocks),
+            'real_time': round(cases[first].config.step_s / full[first], 1)}
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--large', action='store_true', help='a world of 100 times the cells')
+    parser.add_argument('--soft', action='store_true', help='soft against rigid ground only')
+    parser.add_argument('--json', type=Path, help='file of the values')
+    args = parser.parse_args()
+    values = compare_grounds() if args.soft else compare_worlds(args.large)
+    if args.json:
+        args.json.write_text(json.dumps(values))
 
 
 if __name__ == '__main__':

@@ -1,4 +1,4 @@
-"""Time and memory of building, saving and loading worlds: `python test/benchmarks/bench_world.py`.
+"""CPU time and memory of building, saving and loading worlds: `bench_world.py [--large]`.
 
 Each case runs in a process of its own, on one core. `--large` adds a world of 204.8 m at 2.5 cm.
 """
@@ -6,6 +6,7 @@ Each case runs in a process of its own, on one core. `--large` adds a world of 2
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import pathlib
 import resource
@@ -42,22 +43,25 @@ def sources(folder: pathlib.Path) -> None:
     trimesh.Trimesh(*export.surface(grid), process=False).export(folder / 'mesh.ply')
 
 
-def measure(name: str, folder: pathlib.Path) -> None:
-    """Build one case and print one line."""
+def measure(name: str, folder: pathlib.Path, values_file: pathlib.Path | None) -> None:
+    """Build one case and print one line; write its values, if a file is given."""
     from lunar_rover_sim.ground.world import world_folder
     from lunar_rover_sim.ground.world.build import build_world
     from lunar_rover_sim.ground.world.config import WorldConfig
     mapping = {**CASES, **LARGE}[name]
     if 'source' in mapping:
         mapping = {**mapping, 'path': str(folder / {'dem': 'dem', 'mesh': 'mesh.ply'}[name])}
-    start = time.perf_counter()
+    start = time.process_time()
     world = build_world(WorldConfig.from_mapping(mapping), 1)
-    built = time.perf_counter()
+    built = time.process_time()
     world_folder.save_world(world, folder / f'world {name}')
-    saved = time.perf_counter()
+    saved = time.process_time()
     world_folder.load_world(folder / f'world {name}')
-    loaded = time.perf_counter()
+    loaded = time.process_time()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    if values_file is not None:
+        values_file.write_text(json.dumps({'build_s': round(built - start, 1),
+                                           'peak_mib': round(peak)}))
     print(f'{name:<14} build {built - start:6.2f} s   save {saved - built:5.2f} s   '
           f'load and check {loaded - saved:5.2f} s   peak {peak:6.0f} MiB   '
           f'{len(world.rocks)} rocks', flush=True)
@@ -69,17 +73,19 @@ def main() -> None:
     parser.add_argument('--large', action='store_true', help='add a world of 204.8 m')
     parser.add_argument('--case', help=argparse.SUPPRESS)
     parser.add_argument('--folder', type=pathlib.Path, help=argparse.SUPPRESS)
+    parser.add_argument('--json', type=pathlib.Path, help='file of the values of `baseline`')
     args = parser.parse_args()
     if args.case:
-        measure(args.case, args.folder)
+        measure(args.case, args.folder, args.json)
         return
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
         sources(folder)
         environment = {**os.environ, 'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'}
         for case in [*CASES, *(LARGE if args.large else [])]:
-            subprocess.run([sys.executable, __file__, '--case', case, '--folder', str(folder)],
-                           env=environment, check=True)
+            written = ['--json', str(args.json)] if args.json and case == 'baseline' else []
+            subprocess.run([sys.executable, __file__, '--case', case, '--folder', str(folder),
+                            *written], env=environment, check=True)
 
 
 if __name__ == '__main__':

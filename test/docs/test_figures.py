@@ -1,0 +1,48 @@
+"""Figures of pages come from result files, which know what they depend on."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import re
+from types import ModuleType
+
+import pytest
+from snippets import module_of, ROOT
+
+
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
+    """Return docs/figures.py on a checkout of two files."""
+    module = module_of(ROOT / 'docs' / 'figures.py')
+    monkeypatch.setattr(module, 'ROOT', tmp_path)
+    monkeypatch.setattr(module, 'RESULTS', tmp_path)
+    monkeypatch.setattr(module, 'SUBJECTS', {'light': ('*.csv',)})
+    (tmp_path / 'a.csv').write_text('1')
+    program = "import json, sys; json.dump(dict(mean=0.25), open(sys.argv[1], 'w'))"
+    (tmp_path / 'glow.json').write_text(json.dumps(
+        {'command': f'python -c "{program}" {{file}}', 'depends': ['light']}))
+    return module
+
+
+def test_a_figure_is_marked_once_what_it_depends_on_has_changed(figures: ModuleType) -> None:
+    """Measured, it stands without a mark, until a file of its subject changes."""
+    assert figures.substitutions()['glow'].get('mean') is None
+    figures.measure(['glow'])
+    assert figures.substitutions()['glow']['mean'] == '0.25'
+    (figures.ROOT / 'a.csv').write_text('2')
+    assert figures.substitutions()['glow']['mean'] == '0.25 (before a change of the light)'
+    figures.measure(['glow'])
+    assert figures.substitutions()['glow']['mean'] == '0.25'
+
+
+def test_pages_take_figures_that_exist() -> None:
+    """And each result is taken by a page."""
+    figures = module_of(ROOT / 'docs' / 'figures.py')
+    known = figures.substitutions()
+    taken = {(name, value) for page in (ROOT / 'docs').rglob('*.md')
+             for name, value in re.findall(r'\{\{ (\w+)\.(\w+) \}\}', page.read_text('utf-8'))}
+    assert {name for name, _ in taken} == set(known)
+    assert all(value in known[name] for name, value in taken)
+    assert all(set(result['depends']) <= set(figures.SUBJECTS)
+               for result in figures.read().values())
