@@ -1,4 +1,4 @@
-"""`lunar_rover_sim validate terramechanics`: soft ground against theory, and walks on it."""
+"""`lunar_rover_sim validate terramechanics`: walks on soft ground, slopes and against a pull."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import functools
 from lunar_rover_sim.base.files.paths import make_new_folder
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
-from lunar_rover_sim.judge.studies import terramechanics_anchors, terramechanics_report
+from lunar_rover_sim.judge.studies import terramechanics_report
 from lunar_rover_sim.judge.studies.study_folder import map_in_processes
 from lunar_rover_sim.judge.studies.terramechanics import (Ground, GROUNDS, measure, PULLS, SKIP_S,
                                                           SLOPES_DEG, WalkSettings)
@@ -18,9 +18,8 @@ from lunar_rover_sim.run.scenario import Scenario
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
     parser.description = (
-        'Compares soft ground with published numbers, closed forms and scaling laws, and walks'
-        ' on it: on the level, up slopes of 0 to 30 degrees, and against a pull. Writes'
-        ' terramechanics.md, terramechanics.csv, terramechanics.png and sandbot.png.')
+        'Walks on several grounds: on the level, up slopes of 0 to 30 degrees, and against a'
+        ' pull. Writes terramechanics.md, terramechanics.csv and terramechanics.png.')
     options.add_scenario(parser, 'flat')
     options.add_overrides(parser)
     parser.add_argument('--grounds', nargs='+', default=list(GROUNDS), metavar='NAME',
@@ -35,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, write the report; return 1 if an anchor of the model does not hold."""
+    """Measure, write the report."""
     for name in args.grounds:
         Ground(name).config()   # raises ConfigError for one that does not exist
     scenario = Scenario.load(args.scenario, args.overrides)
@@ -48,10 +47,7 @@ def run(args: argparse.Namespace) -> int:
     with Progress('walking') as progress:
         walks = map_in_processes(functools.partial(measure, settings), grounds, args.workers,
                                  lambda _, done, total: progress(done, total))
-        progress.start('comparing with theory')
-        anchors = (terramechanics_anchors.plates() + terramechanics_anchors.simulated(settings)
-                   + terramechanics_anchors.compared(walks))
-    text = terramechanics_report.write_all(anchors, walks, args.output)
+    text = terramechanics_report.write_all(walks, args.output)
     print_markdown(text)
     say(f'written: {args.output}')
-    return 0 if all(anchor.holds for anchor in anchors if anchor.held) else 1
+    return 0

@@ -1,4 +1,4 @@
-"""The report of the terramechanics study: anchors, walks, slopes and pull as text, CSV, figure."""
+"""The report of the terramechanics study: walks, slopes and pull as text, CSV, figure."""
 
 from __future__ import annotations
 
@@ -11,47 +11,33 @@ from matplotlib.figure import Figure
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.results import csv_table, markdown_table, save_figure
-from lunar_rover_sim.judge.studies import sandbot
 from lunar_rover_sim.judge.studies.terramechanics import GroundWalk, holding
-from lunar_rover_sim.judge.studies.terramechanics_anchors import Anchor
 
 _FIELDS = ('speed_mps', 'lateral_mps', 'slip', 'transport', 'power_w', 'pitch_rms_deg',
            'sinkage_m', 'sinkage_max_m')
 
 
-def write_all(anchors: Sequence[Anchor], walks: Sequence[GroundWalk], folder: Path) -> str:
+def write_all(walks: Sequence[GroundWalk], folder: Path) -> str:
     """Write terramechanics.md, .csv and .png into a folder; return the text."""
-    text = report_text(anchors, walks)
+    text = report_text(walks)
     atomic_write(folder / 'terramechanics.md', text, StudyError)
     table = csv_table(('ground', 'slope_deg', 'pull', 'outcome', *_FIELDS), (
         (walk.ground.name, walk.ground.slope_deg, walk.ground.pull, walk.outcome,
          *(getattr(walk, name) for name in _FIELDS)) for walk in walks))
     atomic_write(folder / 'terramechanics.csv', table, StudyError)
     plot(walks, folder / 'terramechanics.png')
-    plot_sandbot(folder / 'sandbot.png')
     return text
 
 
-def report_text(anchors: Sequence[Anchor], walks: Sequence[GroundWalk]) -> str:
+def report_text(walks: Sequence[GroundWalk]) -> str:
     """Return the report as Markdown."""
     return '\n'.join([
-        '# Terramechanics', '', '## Held to', '',
-        *markdown_table(('what', 'measured', 'bounds', 'holds', 'source'),
-                        map(_anchor_row, sorted(anchors, key=lambda anchor: not anchor.held))),
-        '', '## Walks', '',
+        '# Terramechanics', '',
         'Slip: 1 - way / way that the loaded feet sweep, along the heading. Transport:'
         ' electric energy / (weight × distance). Pull: backward, over the weight.', '',
         *markdown_table(('ground', 'slope [°]', 'pull', 'outcome', 'speed [m/s]', 'slip [%]',
                          'transport', 'power [W]', 'pitch RMS [°]', 'sinkage [mm]', 'max'),
                         map(_walk_row, walks)), ''])
-
-
-def _anchor_row(a: Anchor) -> list[str]:
-    verdict = ('yes' if a.holds else '**no**') if a.held else (
-        'as there' if a.holds else 'differs')
-    high = '∞' if math.isinf(a.high) else f'{a.high:.4g}'
-    return [a.name, f'{a.measured:.4g} {a.unit}'.strip(), f'{a.low:.4g} to {high}', verdict,
-            a.source]
 
 
 def _walk_row(w: GroundWalk) -> list[str]:
@@ -87,20 +73,3 @@ def plot(walks: Sequence[GroundWalk], path: Path) -> None:
     slip.legend()
     save_figure(figure, path, StudyError)
 
-
-def plot_sandbot(path: Path) -> None:
-    """Write a figure: SandBot's speed over leg frequency, for what is not known of its legs."""
-    figure = Figure(figsize=(9.0, 3.8), layout='constrained')
-    for axes, preset in zip(figure.subplots(1, 2, sharey=True), ('poppy_loose', 'poppy_close')):
-        for width_m in (0.015, 0.02, 0.03):
-            for start_s, style in ((0.1, ':'), (0.2, '-'), (0.4, '--')):
-                legs = sandbot.CLegs(width_m=width_m, start_s=start_s)
-                axes.plot(sandbot.FREQUENCIES_RADPS, sandbot.curve_mps(preset, legs), style,
-                          color=f'C{round(1e3 * width_m) // 6}',
-                          label=f'{1e3 * width_m:g} mm, {start_s:g} s')
-        axes.axhline(sandbot.BEST_MPS, color='0.4', lw=0.8)
-        axes.set(title=preset, xlabel='leg frequency [rad/s]', ylim=(0.0, 0.7))
-        axes.grid(alpha=0.3)
-    axes.legend(fontsize=7, title='width of a leg, dt', title_fontsize=7, loc='upper left')
-    figure.axes[0].set_ylabel('speed [m/s]')
-    save_figure(figure, path, StudyError)
