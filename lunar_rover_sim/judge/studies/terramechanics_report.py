@@ -72,4 +72,3 @@ def plot(walks: Sequence[GroundWalk], path: Path) -> None:
         axes.grid(alpha=0.3)
     slip.legend()
     save_figure(figure, path, StudyError)
-
