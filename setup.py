@@ -97,7 +97,7 @@ setup(
                  'pycocotools>=2.0.8', 'pycodestyle>=2.11', 'ruff>=0.6', 'vulture>=2.11',
                  'types-PyYAML', 'types-psutil', 'mcap-ros2-support>=0.5',
                  'setuptools>=70.1', 'distributed>=2024.4', USD,
-                 'webdataset>=1.0', 'websockets>=13', 'gymnasium>=1.1', 'onnx>=1.16',
+                 'webdataset>=1.0', 'websockets>=15', 'gymnasium>=1.1', 'onnx>=1.16',
                  'onnxruntime>=1.18'],
         'docs': ['furo>=2024.8', 'myst-nb>=1.1', 'sphinx>=7'],
     },

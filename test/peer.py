@@ -12,7 +12,11 @@ from conftest import PLAIN
 from nav_msgs.msg import Odometry
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosbags.typesys import get_typestore, Stores
 from waiting import LIMIT_S
+
+from lunar_rover_sim.base import topics
+from lunar_rover_sim.nodes.message_types import message_class
 
 LEGS = [f'{leg}_joint' for leg in ('front_left', 'front_right', 'rear_left', 'rear_right')]
 SMALL_CAMERA = ('-p', 'camera.width:=160', '-p', 'camera.height:=120', '-p',
@@ -41,6 +45,18 @@ class Peer:
         """Return a list that fills with the messages of a topic."""
         received: list[Any] = []
         self.node.create_subscription(kind, topic, received.append, qos)
+        return received
+
+    def listen_tf(self, topic: str = 'tf', qos: Any = 10) -> list[Any]:
+        """Return a list that fills with the transforms of a topic, as rosbags reads them."""
+        received: list[Any] = []
+        store = get_typestore(Stores.ROS2_JAZZY)
+
+        def take(raw: bytes) -> None:
+            message: Any = store.deserialize_cdr(raw, topics.TF.type)
+            received.extend(message.transforms)
+
+        self.node.create_subscription(message_class(topics.TF.type), topic, take, qos, raw=True)
         return received
 
     def echo(self, kind: Any, topic: str) -> list[Any]:

@@ -18,11 +18,11 @@ from lunar_rover_sim.run.live_page import TOKEN_VARIABLE
 
 _MESSAGE, _TIME, _PLAYBACK = 1, 2, 5
 TOKEN = 'token-of-the-tests'
-os.environ[TOKEN_VARIABLE] = TOKEN      # of views here and in processes that tests start
 
 
 def free_port() -> int:
-    """Return a port that nobody uses."""
+    """Return a port that nobody uses, for a view here or in a process of the test."""
+    os.environ[TOKEN_VARIABLE] = TOKEN
     with socket.socket() as probe:
         probe.bind(('127.0.0.1', 0))
         return int(probe.getsockname()[1])

@@ -6,7 +6,9 @@ import importlib
 import re
 from typing import Any
 
+from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import GraphError
+from lunar_rover_sim.nodes.tf_type import tf_message_class
 
 
 def message_class(type_name: str) -> Any:
@@ -15,6 +17,8 @@ def message_class(type_name: str) -> Any:
     try:
         return getattr(importlib.import_module(f'{package}.msg'), name)
     except (ImportError, AttributeError):
+        if f'{package}/msg/{name}' == topics.TF.type:
+            return tf_message_class()
         raise GraphError(f'{type_name}: no such message type is installed; install the package '
                          f'{package}') from None
 

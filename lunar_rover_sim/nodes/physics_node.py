@@ -27,7 +27,7 @@ from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
-from lunar_rover_sim.run.publication import MAY_BE_MISSING, unpublished
+from lunar_rover_sim.run.publication import unpublished
 from lunar_rover_sim.sensors.imu import Imu, ImuNoise
 from lunar_rover_sim.sensors.registry import mounted
 from lunar_rover_sim.sensors.sensor import Platform
@@ -105,7 +105,7 @@ class PhysicsNode(node_main.GraphNode):
 
     def _check_publishers(self, legs: Sequence[str]) -> None:
         """Raise GraphError for a topic of the contract that would be silent."""
-        silent = {topic.name for topic in (*MAY_BE_MISSING, *self._unpublished)}
+        silent = {topic.name for topic in self._unpublished}
         published = {publisher.topic_name for publisher in self.publishers}
         for topic in topics.of_legs(topics.CONTRACT, legs):
             if (topic.node == 'physics_node' and topic.name not in silent

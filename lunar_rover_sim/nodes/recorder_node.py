@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 from pathlib import Path
 import time
@@ -28,8 +27,6 @@ from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.run.lockstep import WrittenStamps
 from lunar_rover_sim.run.node_config import ALL, RecorderNodeConfig
 from lunar_rover_sim.run.publication import is_recorded
-from lunar_rover_sim.run.recorded_run import RecordedNodes
-from lunar_rover_sim.run.transforms import RunTransforms
 
 _GRAPH_NAMES = {topic.name: topic.graph_name for topic in topics.CONTRACT}
 # A timer: rclpy has no event for a new topic. Listing the topics takes some milliseconds, so it is
@@ -61,7 +58,6 @@ class RecorderNode(node_main.GraphNode):
         self._written = WrittenStamps({self._full(name): ns for name, ns in
                                        config.period_ns_by_topic().items()})
         self._clock_name = self._full(topics.CLOCK.name)
-        self._tf_name = self._full(topics.TF.name)
         self._navigated_name = self._full(topics.NAVIGATED.name)
         self._jump = TimeJump(self)
         self._subscribed: set[str] = set()
@@ -75,13 +71,11 @@ class RecorderNode(node_main.GraphNode):
                                  os.environ.get('ROS_DISTRO') or 'jazzy')
         self._duration_s = 0.0      # of the run, if there is one; and its process
         self._runner: int | None = None
-        self._transforms: RunTransforms | None = None
         if config.scenario_file:
             self._runner = os.getppid()
             text = _read(config.scenario_file)
             scenario = scenario_of_text(text)
             self._duration_s = scenario.number('physics_node', 'duration_s', 0.0)
-            self._transforms = self._make_transforms(RecordedNodes.of(scenario))
             self._scenario_publisher = self.create_publisher(
                 String, topics.SCENARIO.name, qos.offered(topics.SCENARIO))
             self._scenario_publisher.publish(String(data=text))
@@ -96,20 +90,6 @@ class RecorderNode(node_main.GraphNode):
         self.create_timer(_DISCOVERY_S, self._discover)
         Diagnostics(self, {'Message rate': self._rate_status, 'Drops': self._drops.status})
         self.report_ready(config, waits=config.topics)
-
-    def _make_transforms(self, nodes: RecordedNodes | None) -> RunTransforms | None:
-        """Begin to record the tf of a run, where no node can publish it."""
-        names = [self._full(topic.name) for topic in (topics.TF, topics.TF_STATIC)]
-        if nodes is None or importlib.util.find_spec('tf2_msgs') is not None:
-            return None
-        made = RunTransforms(nodes, self._full)
-        if not all(map(self._is_wanted, (*names, *made.sources))):
-            return None
-        for name, topic in zip(names, (topics.TF, topics.TF_STATIC)):
-            self._subscribed.add(name)
-            self._writer.add_topic(name, topic.type, qos=qos.offered(topic))
-        self._writer.write(names[1], topics.TF.type, made.fixed(), 0)
-        return made
 
     def close(self) -> None:
         """Finish the bag, which holds every message received.
@@ -203,10 +183,6 @@ class RecorderNode(node_main.GraphNode):
                 latest_ns = 0
             stamp_ns = self._writer.write(name, type_name, raw, 0 if latched else self._newest_ns,
                                           latest_ns)
-            if self._transforms is not None and name in self._transforms.sources:
-                transforms = self._transforms.add(name, raw)
-                if transforms is not None:
-                    self._writer.write(self._tf_name, topics.TF.type, transforms, stamp_ns)
             if is_clock:
                 self._clock_ns = max(self._clock_ns, stamp_ns)
             elif (name in self._writer.of_another_clock and name not in self._warned

@@ -17,7 +17,7 @@ from sensor_msgs.msg import Image, Imu
 from lunar_rover_sim.bag.message_validity import image_problem, pixels
 from lunar_rover_sim.bag.messages import header_ns, time_ns, xyz
 from lunar_rover_sim.base import topics
-from lunar_rover_sim.base.errors import ConfigError, GraphError
+from lunar_rover_sim.base.errors import GraphError
 from lunar_rover_sim.base.frames import matrix_from_wxyz, se3
 from lunar_rover_sim.image.camera.encoding import eight_bits, ENCODINGS
 from lunar_rover_sim.image.stereo.points import grey
@@ -26,12 +26,14 @@ from lunar_rover_sim.judge.slam.program import command_words, program_settings, 
 from lunar_rover_sim.judge.slam.protocol import FrameSet
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, OK, SubjectStatus, WARN
+from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.products.sequences.sensors import described_sensors
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import SlamNodeConfig
+from lunar_rover_sim.run.transforms import tf_message
 
 _MOST_UNPAIRED = 20
 _RECENT = 20                # answers whose latency is in the diagnostics
@@ -76,9 +78,7 @@ class SlamNode(node_main.GraphNode):
                                            qos.offered(topics.SLAM_POSE))
         self._tf = None
         if config.publish_tf:
-            if conversions.TFMessage is None:
-                raise ConfigError('publish_tf: true needs tf2_msgs, which is not installed')
-            self._tf = self.create_publisher(conversions.TFMessage, topics.TF.name,
+            self._tf = self.create_publisher(message_class(topics.TF.type), topics.TF.name,
                                              qos.offered(topics.TF))
         for topic in self._sides:
             self.create_subscription(
@@ -175,8 +175,8 @@ class SlamNode(node_main.GraphNode):
             T = se3(matrix_from_wxyz(pose.wxyz), pose.position_m)
             self._pose.publish(conversions.pose_stamped(T, self._config.frame_id, stamp))
             if self._tf is not None:
-                self._tf.publish(conversions.tf_message(
-                    [(self._config.frame_id, self._config.child_frame_id, T)], stamp))
+                self._tf.publish(tf_message(
+                    [(self._config.frame_id, self._config.child_frame_id, T)], pose.stamp_ns))
         # Without the latency, which is wall time: recordings in lockstep are repeatable.
         level = DiagnosticStatus.OK if pose.state == protocol.TRACKING else DiagnosticStatus.WARN
         array = DiagnosticArray(status=[DiagnosticStatus(

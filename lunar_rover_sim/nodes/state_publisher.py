@@ -25,6 +25,7 @@ from lunar_rover_sim.rover.mounts import fixed_frames, imu_pose, moving_frames
 from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
+from lunar_rover_sim.run.transforms import tf_message
 from lunar_rover_sim.sensors.imu import ImuNoise
 
 
@@ -53,12 +54,7 @@ class StatePublisher:
             self._publishers[topic.name] = node.create_publisher(message_type, topic.graph_name,
                                                                  qos.offered(topic))
         conversions.set_odometry_covariance(self._messages[self._truth.name], config.odometry)
-        self._tf = None
-        if conversions.TFMessage is None:
-            node.get_logger().info('tf2_msgs is not installed: no tf is published')
-        else:
-            self._tf = node.create_publisher(conversions.TFMessage, topics.TF.name,
-                                             qos.offered(topics.TF))
+        self._tf = _tf_publisher(node, topics.TF)
         publish_frames(node, fixed_frames(rover))
 
     def restart(self, imu: ImuNoise) -> None:
@@ -68,8 +64,7 @@ class StatePublisher:
     @property
     def publishers(self) -> list[Any]:
         """Those of the messages that every state has."""
-        moving = [] if self._tf is None else [self._tf]
-        return [*self._publishers.values(), *moving]
+        return [*self._publishers.values(), self._tf]
 
     def publish(self, state: RoverState, stamp_ns: int) -> None:
         """Publish one state with one stamp [ns].
@@ -84,9 +79,8 @@ class StatePublisher:
         self._send([topics.JOINT_STATES])
         links = link_poses(self._rover, state.joint_angle_rad)
         self._fill_others(state, links, stamp)
-        if self._tf is not None:
-            self._tf.publish(conversions.tf_message(moving_frames(
-                self._rover, state.T_world_base, links, self._config.pose_frames), stamp))
+        self._tf.publish(tf_message(moving_frames(
+            self._rover, state.T_world_base, links, self._config.pose_frames), stamp_ns))
         self._send(self._others)
 
     def _send(self, published: Sequence[topics.Topic]) -> None:
@@ -116,16 +110,18 @@ class StatePublisher:
 
 
 def publish_frames(node: Node, fixed: Sequence[tuple[str, str, Array]]) -> None:
-    """Publish fixed frames on tf_static, where tf2_msgs is installed.
+    """Publish fixed frames on tf_static.
 
     Args:
         node: Publishes them.
         fixed: (parent, child, (4, 4) T_parent_child).
     """
-    if conversions.TFMessage is not None and fixed:
-        node.create_publisher(
-            conversions.TFMessage, topics.TF_STATIC.name, qos.offered(topics.TF_STATIC)).publish(
-                conversions.tf_message(fixed, conversions.time_msg(0)))
+    if fixed:
+        _tf_publisher(node, topics.TF_STATIC).publish(tf_message(fixed, 0))
+
+
+def _tf_publisher(node: Node, topic: topics.Topic) -> Publisher:
+    return node.create_publisher(message_class(topic.type), topic.name, qos.offered(topic))
 
 
 class GroundPublisher:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import queue
 import struct
@@ -25,7 +24,6 @@ from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.run.companion_config import ViewNodeConfig
 from lunar_rover_sim.run.live_page import map_pages
 from lunar_rover_sim.run.live_view import LiveView
-from lunar_rover_sim.run.transforms import OdometryTransforms, transforms_of
 
 _POLL_S = 0.2
 _HISTORY = 5
@@ -51,9 +49,6 @@ class ViewNode(node_main.GraphNode):
                               config.allow_origin)
         store = get_typestore(Stores.ROS2_JAZZY)
         self._stamps = StampTable(store)
-        self._transforms = OdometryTransforms()
-        self._makes_tf = importlib.util.find_spec('tf2_msgs') is None
-        self._odometry: dict[str, str] = {}     # by the topics of transforms that are made of it
         self._types: dict[str, str] = {}
         self._read: dict[str, Subscription] = {}
         self._clock_reader: Subscription | None = None
@@ -70,7 +65,6 @@ class ViewNode(node_main.GraphNode):
         for topic, types in self.get_topic_names_and_types():
             if topic not in self._types and self._view.offer(topic, types[0]):
                 self._types[topic] = types[0]
-                self._make_transforms(topic)
         self._others = sorted(
             info.node_name for topic in self._types if topic.endswith(f'/{topics.CMD_VEL.name}')
             for info in self.get_publishers_info_by_topic(topic)
@@ -110,29 +104,20 @@ class ViewNode(node_main.GraphNode):
         self._now_ns = time_ns(message.clock)
         self._view.tell_time(self._now_ns)
 
-    def _make_transforms(self, topic: str) -> None:
-        """Offer transforms made of odometry, where those of the graph cannot be read."""
-        transforms = transforms_of(topic)
-        if self._makes_tf and transforms and self._view.offer(transforms, topics.TF.type):
-            self._types[transforms] = topics.TF.type
-            self._odometry[transforms] = topic
-
     def _subscribe(self, topic: str) -> None:
-        source = self._odometry.get(topic, topic)
-        offers = self.get_publishers_info_by_topic(source)
+        offers = self.get_publishers_info_by_topic(topic)
         durable = bool(offers) and all(
             info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in offers)
-        msgtype = self._types[source]
+        msgtype = self._types[topic]
 
         def callback(raw: bytes) -> None:
             stamp_ns = self._stamps.stamp_ns(msgtype, raw)
             if stamp_ns is None:
                 stamp_ns = time.time_ns() if self._now_ns is None else self._now_ns
-            self._view.send(topic, stamp_ns,
-                            raw if source == topic else self._transforms.of(raw))
+            self._view.send(topic, stamp_ns, raw)
 
         self._read[topic] = self.create_subscription(
-            message_class(msgtype), source, callback, qos.reliable(_HISTORY, durable), raw=True)
+            message_class(msgtype), topic, callback, qos.reliable(_HISTORY, durable), raw=True)
 
     def _on_drive(self, topic: str, data: bytes) -> None:
         """Publish a velocity of a client; called in a thread of the server."""

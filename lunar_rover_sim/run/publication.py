@@ -15,8 +15,6 @@ from lunar_rover_sim.image.camera.hazard import sides
 from lunar_rover_sim.run.node_config import ALL
 from lunar_rover_sim.run.scenario import Scenario
 
-# Of packages that may not be installed.
-MAY_BE_MISSING = (topics.TF, topics.TF_STATIC, *topics.OF_VISION)
 _RENDERED_OR_SCANNED = 'lidar_node', 'render_node'
 _ALIKE = 0.85        # least similarity of names for a hint, from 0 to 1
 _OF_CHASE = topics.CHASE_IMAGE, topics.CHASE_INFO, topics.CHASE_POSE
@@ -69,8 +67,8 @@ def period_of(scenario: Scenario, topic: Topic) -> int:
 def recorded_periodic(scenario: Scenario) -> list[Topic]:
     """Return the topics with a period that a run publishes for certain, and records."""
     physics, recorder = scenario.physics_node, scenario.recorder_node
-    never = (*MAY_BE_MISSING, *unpublished(scenario.shared.separate_truth, physics.publish_clock,
-                                           physics.ground.deforms))
+    never = (*topics.OF_VISION, *unpublished(scenario.shared.separate_truth,
+                                             physics.publish_clock, physics.ground.deforms))
     nodes = set(scenario.run.nodes).difference(scenario.run.may_fail)
     return [topic for topic in topics.of_legs(topics.CONTRACT, scenario.rover.legs.names)
             if topic.node in nodes and topic not in never and period_of(scenario, topic)

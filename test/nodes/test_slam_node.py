@@ -18,7 +18,7 @@ pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402  (needs rclpy)
 from geometry_msgs.msg import PoseStamped  # noqa: E402
-from peer import fails, Peer, running  # noqa: E402
+from peer import Peer, running  # noqa: E402
 from sensor_msgs.msg import Image, Imu  # noqa: E402
 
 from lunar_rover_sim.bag.messages import header_ns  # noqa: E402
@@ -26,11 +26,6 @@ from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate  # noqa: E402
 from lunar_rover_sim.judge.evaluation.trajectory_sources import load  # noqa: E402
 from lunar_rover_sim.products.inspection.check import check  # noqa: E402
-
-try:
-    from tf2_msgs.msg import TFMessage
-except ImportError:     # not in the wheels
-    TFMessage = None
 
 PERIOD_NS = 5_000_000   # of the IMU
 # Notes what it is given; each frame waits for a file of the number of frames so far.
@@ -110,7 +105,7 @@ def test_the_newest_frame_wins_and_the_imu_has_no_gap(peer: Peer, tmp_path: Path
     diagnostics = peer.listen(DiagnosticArray, '/diagnostics')
     poses = peer.listen(PoseStamped, 'slam/pose')
     statuses = peer.listen(DiagnosticArray, 'slam/status')
-    transforms = peer.listen(TFMessage, 'tf') if TFMessage is not None else []
+    transforms = peer.listen_tf()
 
     def told(subject: str) -> dict[str, str]:
         return {value.key: value.value for array in diagnostics[-3:] for status in array.status
@@ -123,8 +118,7 @@ def test_the_newest_frame_wins_and_the_imu_has_no_gap(peer: Peer, tmp_path: Path
         return found
 
     with running('slam_node', '-p', f'command:={program}', '-p', 'sensor:=stereo-inertial',
-                 '-p', 'answer_s:=60.0', '-p', f'publish_tf:={str(TFMessage is not None).lower()}',
-                 ) as node:
+                 '-p', 'answer_s:=60.0', '-p', 'publish_tf:=true') as node:
         peer.spin_until(lambda: peer.node.count_publishers('slam/status') > 0
                         and feeder.is_connected())
         feeder.imu_until(50)
@@ -165,11 +159,9 @@ def test_the_newest_frame_wins_and_the_imu_has_no_gap(peer: Peer, tmp_path: Path
         == [(200_000_000, 0.2), (250_000_000, 0.3)]
     settings = json.loads((tmp_path / 'settings').read_text())
     assert (settings['sensor'], settings['gravity_mps2']) == ('stereo-inertial', 1.62)
-    if TFMessage is not None:
-        found = [t for message in transforms for t in message.transforms]
-        assert [(t.header.frame_id, t.child_frame_id) for t in found] \
-            == [('slam_map', 'slam_camera')] * 2
-        assert [t.transform.translation.x for t in found] == [p.pose.position.x for p in poses]
+    assert [(t.header.frame_id, t.child_frame_id) for t in transforms] \
+        == [('slam_map', 'slam_camera')] * 2
+    assert [t.transform.translation.x for t in transforms] == [p.pose.position.x for p in poses]
 
 
 @pytest.mark.parametrize(('sensor', 'gravity_mps2', 'command', 'warns'), [
@@ -186,13 +178,6 @@ def test_another_gravity_than_orb_slam3_has_is_warned_of(
     warnings = [line for line in ended.stderr.splitlines() if '[WARN]' in line]
     assert [f'gravity is {gravity_mps2:g} m/s^2: ORB-SLAM3 has 9.81' in line
             for line in warnings] == [True] * warns
-
-
-@pytest.mark.skipif(TFMessage is not None, reason='tf2_msgs is installed')
-def test_tf_needs_tf2_msgs() -> None:
-    command = f'{sys.executable} -m lunar_rover_sim.judge.slam.client'
-    said = fails('slam_node', '-p', f'command:={command}', '-p', 'publish_tf:=true')
-    assert 'publish_tf: true needs tf2_msgs, which is not installed' in said
 
 
 # Of the ground only what odometry sees.

@@ -17,7 +17,6 @@ from rosbags.typesys import get_typestore, Stores  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import Imu, JointState  # noqa: E402
 
-from lunar_rover_sim.bag.messages import header_ns, transform_matrix  # noqa: E402
 from lunar_rover_sim.base import frames, topics  # noqa: E402
 from lunar_rover_sim.nodes import conversions, state_publisher  # noqa: E402
 from lunar_rover_sim.rover.description import Legs, RoverDescription  # noqa: E402
@@ -25,10 +24,7 @@ from lunar_rover_sim.rover.mounts import imu_pose  # noqa: E402
 from lunar_rover_sim.rover.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.rover.urdf import urdf  # noqa: E402
 from lunar_rover_sim.rover.visual import link_poses  # noqa: E402
-from lunar_rover_sim.run.node_config import MappingNodeConfig  # noqa: E402
-from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig  # noqa: E402
-from lunar_rover_sim.run.recorded_run import RecordedNodes  # noqa: E402
-from lunar_rover_sim.run.transforms import RunTransforms  # noqa: E402
+from lunar_rover_sim.run.node_config import PhysicsNodeConfig  # noqa: E402
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise  # noqa: E402
 from lunar_rover_sim.sensors.registry import OdometryConfig  # noqa: E402
 
@@ -53,7 +49,7 @@ class FakeNode:
         self.order: list[str] = []
 
     def create_publisher(self, kind: Any, topic: str, profile: Any) -> Any:
-        """Return a publisher that keeps what it is given: messages of tf, the others as bytes."""
+        """Return a publisher that keeps what it is given, all as bytes."""
         messages = self.sent.setdefault(topic, [])
 
         def publish(message: Any) -> None:
@@ -67,18 +63,6 @@ class FakeNode:
         return logging.getLogger()
 
 
-class FakeTFMessage:
-    """tf2_msgs is not on PyPI: the same field, no middleware."""
-
-    def __init__(self, transforms: list[Any]) -> None:
-        self.transforms = transforms
-
-
-@pytest.fixture(autouse=True)
-def _tf(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conversions, 'TFMessage', FakeTFMessage)
-
-
 def published(state: RoverState, **parameters: bool) -> FakeNode:
     """Return a node after a physics_node with these parameters has published a state."""
     node = FakeNode()
@@ -89,10 +73,17 @@ def published(state: RoverState, **parameters: bool) -> FakeNode:
     return node
 
 
+def transforms_of(node: FakeNode, topic: str) -> Any:
+    """Return the transforms that are sent first on a topic."""
+    message: Any = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(
+        node.sent[topic][0], topics.TF.type)
+    return message.transforms
+
+
 def test_transforms(state: RoverState) -> None:
-    """Where tf2_msgs is installed, odom → base_link → legs move and the sensors are static."""
+    """odom → base_link → legs move, and the sensors are static."""
     node = published(state)
-    moving = {t.child_frame_id: t for t in node.sent['tf'][0].transforms}
+    moving = {t.child_frame_id: t for t in transforms_of(node, 'tf')}
     legs = {f'{leg}_link' for leg in Legs().names}
     assert set(moving) == {'base_link', 'base_footprint', *legs}
     assert moving['base_link'].header.frame_id == 'odom'
@@ -106,7 +97,7 @@ def test_tf_is_the_tree_of_the_urdf(state: RoverState) -> None:
     rover = RoverDescription()
     node = published(dataclasses.replace(state, joint_angle_rad=np.zeros(4)))
     sent = {t.child_frame_id: t for name in ('tf', 'tf_static')
-            for t in node.sent[name][0].transforms}
+            for t in transforms_of(node, name)}
     for joint in ElementTree.fromstring(urdf(rover).encode()).findall('joint'):
         parent, child, origin = map(joint.find, ('parent', 'child', 'origin'))
         assert parent is not None and child is not None and origin is not None
@@ -124,8 +115,8 @@ def test_tf_is_the_tree_of_the_urdf(state: RoverState) -> None:
     contract = topics.of_legs(topics.CONTRACT, rover.legs.names)
     frame_ids = {topic.frame_id for topic in contract} - apart
     tree = {t.header.frame_id for name in ('tf', 'tf_static')
-            for t in node.sent[name][0].transforms} | {
-        t.child_frame_id for name in ('tf', 'tf_static') for t in node.sent[name][0].transforms}
+            for t in transforms_of(node, name)} | {
+        t.child_frame_id for name in ('tf', 'tf_static') for t in transforms_of(node, name)}
     assert frame_ids <= tree
 
 
@@ -140,39 +131,11 @@ def test_an_estimator_may_own_odom(state: RoverState, parameters: dict[str, bool
                                    odometry: tuple[str, str, str]) -> None:
     """Then nobody else publishes odom → base_link, and the truth may have frames of its own."""
     node = published(state, **parameters)
-    moving = {t.child_frame_id for t in node.sent['tf'][0].transforms}
+    moving = {t.child_frame_id for t in transforms_of(node, 'tf')}
     assert moving == {f'{leg}_link' for leg in Legs().names} | frames_sent
     assert {'odom', 'ground_truth/odom'} & set(node.sent) == {odometry[0]}
     msg = deserialize_message(node.sent[odometry[0]][0], Odometry)
     assert (msg.header.frame_id, msg.child_frame_id) == odometry[1:]
-
-
-@pytest.mark.parametrize('parameters', [
-    {}, {'publish_tf': False}, {'separate_truth': True}])
-def test_the_recorder_makes_the_same_transforms(state: RoverState,
-                                                parameters: dict[str, bool]) -> None:
-    """Of odometry and joint states, in any order, where nobody can publish them."""
-    node = published(state, **parameters)
-    nodes = RecordedNodes(RoverDescription(), PhysicsNodeConfig(**parameters),  # type: ignore
-                          RenderNodeConfig(), MappingNodeConfig())
-    store = get_typestore(Stores.ROS2_JAZZY)
-    for turned in (False, True):
-        made = RunTransforms(nodes, lambda name: f'/rover_1/{name}')
-        first, second = [(full, node.sent[topic.name][0])
-                         for full, topic in made.sources.items()][::-1 if turned else 1]
-        assert made.add(*first) is None
-        raw = made.add(*second)
-        assert raw is not None
-        for topic, written in (('tf', raw), ('tf_static', made.fixed())):
-            message: Any = store.deserialize_cdr(written, topics.TF.type)
-            expected = node.sent[topic][0].transforms
-            assert list(map(_frames_of, message.transforms)) == list(map(_frames_of, expected))
-            np.testing.assert_allclose([transform_matrix(t) for t in message.transforms],
-                                       [transform_matrix(t) for t in expected], atol=1e-12)
-
-
-def _frames_of(stamped: Any) -> tuple[int, str, str]:
-    return header_ns(stamped), stamped.header.frame_id, stamped.child_frame_id
 
 
 def test_one_of_several_rovers_is_without_a_clock(state: RoverState) -> None:
@@ -188,9 +151,8 @@ def test_the_order_of_a_state(state: RoverState) -> None:
     assert len(order) == len(set(order)) == 10
 
 
-def test_refilled_messages_equal_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_refilled_messages_equal_new_ones() -> None:
     """Nothing of the state before is left in the messages of the next one."""
-    monkeypatch.setattr(conversions, 'TFMessage', None)
     rng = np.random.default_rng(3)
     first, second = random_state(rng), random_state(rng)
     rover = RoverDescription()

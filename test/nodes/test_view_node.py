@@ -1,6 +1,5 @@
 """view_node alone: what a client of its websocket gets."""
 
-import importlib.util
 import math
 import struct
 
@@ -12,7 +11,6 @@ pytest.importorskip('rclpy')
 from nav_msgs.msg import Odometry  # noqa: E402
 from peer import at_rest_odometry, Peer, running  # noqa: E402
 from rclpy.publisher import Publisher  # noqa: E402
-from rosbags.typesys import get_typestore, Stores  # noqa: E402
 
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 
@@ -36,7 +34,6 @@ def test_view_node_serves_what_is_watched(peer: Peer) -> None:
     from std_msgs.msg import String
     from view_client import client, free_port
 
-    from lunar_rover_sim.base import topics
     latched_description(peer)
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
     port = free_port()
@@ -48,14 +45,6 @@ def test_view_node_serves_what_is_watched(peer: Peer) -> None:
         poses.publish(at_rest_odometry())
         number, _, data = first.message()
         assert number == 7 and deserialize_message(data, Odometry) == at_rest_odometry()
-        if importlib.util.find_spec('tf2_msgs') is None:
-            first.subscribe('/tf', 9)       # made of the odometry
-            peer.spin_until(lambda: poses.get_subscription_count() > 1, meanwhile=first.attend)
-            poses.publish(at_rest_odometry())
-            got = {number: data for number, _, data in (first.message(), first.message())}
-            message = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(got[9], topics.TF.type)
-            assert [t.child_frame_id for t in message.transforms] == [
-                at_rest_odometry().child_frame_id]
         clock = peer.node.create_publisher(Clock, '/clock', 10)
         peer.spin_until(lambda: clock.get_subscription_count() > 0)
         clock.publish(Clock(clock=time_msg(7_000_000_000)))

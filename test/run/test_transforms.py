@@ -1,4 +1,4 @@
-"""Transforms that are made where no node can publish them."""
+"""Transforms that the view of a bag makes of odometry."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import synthetic_bag as synthetic
 
 from lunar_rover_sim.bag.messages import pose_matrix, transform_matrix
 from lunar_rover_sim.base import topics
-from lunar_rover_sim.run.transforms import OdometryTransforms, transforms_of
+from lunar_rover_sim.run.transforms import tf_of_odometry, transforms_of
 
 
 @pytest.mark.parametrize(('topic', 'transforms'), [
@@ -20,8 +20,7 @@ def test_the_pose_goes_through() -> None:
     """Frames, stamp and pose of the transform are those of the odometry."""
     item = next(i for i in synthetic.drive(0.1) if i.topic == 'odom')
     raw = bytes(synthetic.STORE.serialize_cdr(item.message, topics.ODOM.type))
-    message = synthetic.STORE.deserialize_cdr(OdometryTransforms().of(raw),
-                                              topics.TF.type)
+    message = synthetic.STORE.deserialize_cdr(tf_of_odometry(raw), topics.TF.type)
     (transform,) = message.transforms
     assert transform.header == item.message.header
     assert transform.child_frame_id == item.message.child_frame_id

@@ -18,14 +18,14 @@ from lunar_rover_sim.ground.regolith.config import REGOLITH
 from lunar_rover_sim.products.inspection.bag_scan import TopicScan
 from lunar_rover_sim.products.inspection.report import CheckReport, grouped, Status
 from lunar_rover_sim.products.inspection.rover_data import DEPTH_SET, IMAGE_SET, RoverData
-from lunar_rover_sim.run.publication import is_recorded, MAY_BE_MISSING, unpublished
+from lunar_rover_sim.run.publication import is_recorded, unpublished
 from lunar_rover_sim.sensors.registry import sensor_of
 
 # Velocity commands come at the pace of their publisher; recordings of earlier versions lack the
 # CameraInfo of the depth image and the exposure; slam_node, lidar_node and mapping_node take part
 # on request.
 OPTIONAL = tuple(topic.name for topic in (
-    *MAY_BE_MISSING, topics.CMD_VEL, topics.DEPTH_INFO, topics.EXPOSURE, topics.SLAM_STATUS,
+    *topics.OF_VISION, topics.CMD_VEL, topics.DEPTH_INFO, topics.EXPOSURE, topics.SLAM_STATUS,
     topics.LIDAR_SCANNED, topics.TRAVERSABILITY, topics.MISCALIBRATION))
 _MAX_BYTES = 1 << 20     # of world.yaml
 _VOLUME_M = 1e-5    # sum over all samples that rounding to float32 may leave

@@ -16,7 +16,7 @@ from lunar_rover_sim.base.errors import BagError
 from lunar_rover_sim.run.live_page import Access, map_pages
 from lunar_rover_sim.run.live_view import Control, LiveView
 from lunar_rover_sim.run.recorded_run import RecordedRun
-from lunar_rover_sim.run.transforms import OdometryTransforms, transforms_of
+from lunar_rover_sim.run.transforms import tf_of_odometry, transforms_of
 
 _TOLD_S = 0.2               # of wall time between two calls of on_time
 _BEFORE_NS = 1_000_000_000  # what is older than this is not shown after a jump, unless latched
@@ -70,7 +70,6 @@ class _Player:
         self._latched = {c.topic for c in bag.connections if any(
             qos.durability == QosDurability.TRANSIENT_LOCAL
             for qos in getattr(c.ext, 'offered_qos_profiles', ()))}
-        self._transforms = OdometryTransforms()
         self._made: dict[str, str] = {}     # tf topics by the topics of odometry they are made of
         self._control = Control(True, speed)
         self._now_ns = bag.start_ns
@@ -163,4 +162,4 @@ class _Player:
         view.send(message.topic, message.time_ns, message.data)
         if message.topic in self._made:
             view.send(self._made[message.topic], message.time_ns,
-                      self._transforms.of(message.data))
+                      tf_of_odometry(message.data))

@@ -78,8 +78,7 @@ def missing_tf(bag: Bag) -> tuple[str, ...]:
     """Return a line where poses, but no tf, are recorded; else nothing."""
     if bag.has(topics.TF.name) or not bag.has(bag.truth):
         return ()
-    return (f'no tf: it was not to be recorded, or there was no tf2_msgs and no run; {bag.truth} '
-            'has the poses',)
+    return (f'no tf: it was not to be recorded; {bag.truth} has the poses',)
 
 
 def _goal_line(array: Any) -> str:
