@@ -240,15 +240,15 @@ ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', LATCHED, '
 SCENARIO = Topic('scenario', 'std_msgs/msg/String', LATCHED, 'recorder_node', '',
                  'resolved scenario, YAML')
 TF = Topic('tf', 'tf2_msgs/msg/TFMessage', STATE, 'physics_node', frames.ODOM_FRAME,
-           'odom to base_link, and from there to the legs; without tf2_msgs in bags only')
+           'odom to base_link, and from there to the legs')
 TF_STATIC = Topic('tf_static', 'tf2_msgs/msg/TFMessage', LATCHED, 'physics_node',
-                  frames.BASE_FRAME, 'sensors on base_link; without tf2_msgs in bags only')
+                  frames.BASE_FRAME, 'sensors on base_link')
 RECORDED = Topic('recorder/written', 'std_msgs/msg/Header', EVENT, 'recorder_node', '',
                  'stamp up to which everything is written')
 DIAGNOSTICS = Topic('diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', EVENT, 'physics_node',
-                    '', 'once per second of wall time, by render_node, recorder_node, slam_node '
-                    'and pose_bridge_node too; the name is absolute, /diagnostics, as '
-                    'diagnostic_updater has it',
+                    '', 'once per second of wall time, by render_node, recorder_node and '
+                    'slam_node too; the name is absolute, /diagnostics, as diagnostic_updater '
+                    'has it',
                     in_all=False)
 SLAM_POSE = Topic('slam/pose', 'geometry_msgs/msg/PoseStamped', EVENT, 'slam_node', '',
                   'of the left camera in the map of the program, for every tracked frame')
@@ -273,14 +273,6 @@ NAVIGATOR_STATUS = Topic('navigator/status', 'diagnostic_msgs/msg/DiagnosticArra
                          'or failed, with its reason; sent when that changes')
 NAVIGATED = Topic('navigator/finished', 'std_msgs/msg/Header', EVENT, 'navigator_node', '',
                   'stamp at which a run ends, since the navigator has arrived or given up')
-TELEPORT = Topic('teleport', 'geometry_msgs/msg/PoseStamped', EVENT, 'pose_bridge_node', '',
-                 'base_link in the world of the other simulator; the frame is what that wants',
-                 in_all=False)
-BRIDGED_JOINTS = Topic('pose_bridge/joint_states', 'sensor_msgs/msg/JointState', EVENT,
-                       'pose_bridge_node', '', 'joint_states of the states that are sent, with '
-                       'their stamps', in_all=False)
-SHOWN = Topic('pose_bridge/shown', 'std_msgs/msg/Header', EVENT, 'pose_bridge_node', '',
-              'stamp of the newest state that the other simulator has taken', in_all=False)
 
 CONTRACT: tuple[Topic, ...] = (
     CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, CONTACT, GROUND_CHANGES,
@@ -291,7 +283,7 @@ CONTRACT: tuple[Topic, ...] = (
     MISCALIBRATION, LABEL_CLASSES, VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD,
     *OF_LIDAR, LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
     RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TRAVERSABILITY, ELEVATION, GRID_MAP, PLAN,
-    GOAL, NAVIGATOR_STATUS, NAVIGATED, TELEPORT, BRIDGED_JOINTS, SHOWN)
+    GOAL, NAVIGATOR_STATUS, NAVIGATED)
 # What the navigator reads; its users publish it.
 GOAL_POSE = Topic('goal_pose', 'geometry_msgs/msg/PoseStamped', EVENT, '')
 WAYPOINTS = Topic('waypoints', 'nav_msgs/msg/Path', EVENT, '')

@@ -10,13 +10,12 @@ they name, so a message object that is made once can be published for every stat
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 import math
 from typing import Any, TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import (AccelStamped, Point, PoseStamped, Quaternion, TransformStamped,
-                               Twist, TwistStamped, Vector3, WrenchStamped)
+from geometry_msgs.msg import (AccelStamped, Point, PoseStamped, Quaternion, Twist, TwistStamped,
+                               Vector3, WrenchStamped)
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.serialization import deserialize_message
@@ -35,11 +34,6 @@ if TYPE_CHECKING:
     from lunar_rover_sim.sensors.imu import ImuSample
     from lunar_rover_sim.sensors.registry import OdometryConfig
     from lunar_rover_sim.sensors.wheel_odometry import WheelOdometry
-
-try:
-    from tf2_msgs.msg import TFMessage
-except ImportError:     # not in the wheels
-    TFMessage = None
 
 # What messages state of exact values, in the squares of their units. Zeros would mean `unknown` in
 # sensor_msgs/Imu, and estimators invert covariances.
@@ -226,16 +220,6 @@ def fill_entity_state(msg: Any, state: RoverState, stamp: Time, frame_id: str) -
     set_vector(msg.twist.angular, R_world_base @ state.angular_velocity_radps)
 
 
-def fill_entity_pose(msg: Any, T_world_body: Array, linear_mps: Array, angular_radps: Array,
-                     stamp: Time, frame_id: str) -> None:
-    """Write a (4, 4) pose and a twist in axes of the frame into an EntityState."""
-    _set_header(msg.header, stamp, frame_id)
-    set_vector(msg.pose.position, T_world_body[:3, 3])
-    _set_quaternion(msg.pose.orientation, frames.wxyz_from_matrix(T_world_body[:3, :3]))
-    set_vector(msg.twist.linear, linear_mps)
-    set_vector(msg.twist.angular, angular_radps)
-
-
 def pose_stamped(T_world_body: Array, frame_id: str, stamp: Time) -> PoseStamped:
     """Return a (4, 4) pose as a message."""
     msg = PoseStamped()
@@ -243,21 +227,6 @@ def pose_stamped(T_world_body: Array, frame_id: str, stamp: Time) -> PoseStamped
     set_vector(msg.pose.position, T_world_body[:3, 3])
     _set_quaternion(msg.pose.orientation, frames.wxyz_from_matrix(T_world_body[:3, :3]))
     return msg
-
-
-def transform(parent: str, child: str, T_parent_child: Array, stamp: Time) -> TransformStamped:
-    """Return a (4, 4) transform as a message."""
-    msg = TransformStamped()
-    _set_header(msg.header, stamp, parent)
-    msg.child_frame_id = child
-    set_vector(msg.transform.translation, T_parent_child[:3, 3])
-    _set_quaternion(msg.transform.rotation, frames.wxyz_from_matrix(T_parent_child[:3, :3]))
-    return msg
-
-
-def tf_message(frames: Iterable[tuple[str, str, Array]], stamp: Time) -> Any:
-    """Return (parent, child, (4, 4) T_parent_child) as a message; tf2_msgs is installed."""
-    return TFMessage(transforms=[transform(*frame, stamp) for frame in frames])
 
 
 def rover_pose(odom_raw: bytes, joints_raw: bytes | None, legs: Legs) -> RoverPose:

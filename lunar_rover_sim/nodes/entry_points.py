@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import gc
 import os
+from pathlib import Path
 import signal
 import sys
 from types import FrameType
 
-NODES = ('drive_node', 'gait_controller_node', 'lidar_node', 'mapping_node', 'navigator_node',
-         'physics_node', 'policy_node', 'pose_bridge_node', 'recorder_node', 'render_node',
-         'slam_node', 'trajectory_recorder_node', 'view_node')
+NODES = tuple(sorted(path.stem for path in Path(__file__).parent.glob('*_node.py')))
 
 _USAGE = """usage: {node} [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO]]
 

@@ -29,12 +29,11 @@ SHOWN = {'sensor_msgs/msg/Image': 'Image', 'sensor_msgs/msg/PointCloud2': 'Point
 # Images of two or three floats: RViz shows their colours, Foxglove makes colours of them.
 FLOATS = {topic.name.removesuffix('/image_color') for topic in topics.OF_COLOURS}
 COLOURS = {topic.name for topic in topics.OF_COLOURS}
-# But for the pose that another simulator is told.
 # The legs of all packaged rovers.
 CONTRACT = topics.of_legs(topics.CONTRACT, dict.fromkeys(
     leg for name in packaged_names('rover') for leg in load_rover(name).legs.names))
 ALL = {topic.name.replace(NAME, 'front'): topic for topic in CONTRACT
-       if topic.type in SHOWN and topic is not topics.TELEPORT}
+       if topic.type in SHOWN}
 EXPECTED = {name: topic for name, topic in ALL.items() if name not in FLOATS}
 NAMES = {topic.name.replace(NAME, 'front'): topic for topic in CONTRACT}
 # What neither layout shows, and why.
@@ -57,10 +56,7 @@ NOT_SHOWN = {
     'recorder/written': 'a stamp, by which lockstep waits',
     'map/grid_map': 'of grid_map_msgs, which needs a plugin; the same is shown as a cloud',
     'navigator/finished': 'a stamp, at which a run ends',
-    'pose_bridge/shown': 'a stamp, by which lockstep waits',
-    'ground_truth/miscalibration': 'a text',
-    'teleport': 'a request to another simulator',
-    'pose_bridge/joint_states': 'joint_states, for another simulator'}
+    'ground_truth/miscalibration': 'a text'}
 NOT_IN_FOXGLOVE = {**NOT_SHOWN, **dict.fromkeys(COLOURS, 'a script makes them of the floats')}
 STORE = get_typestore(Stores.ROS2_JAZZY)
 # Properties of the displays of RViz 2 (rviz_default_plugins, those that may be of use here).
