@@ -65,7 +65,8 @@ def main() -> int:
     try:
         check_open_files()
         require_ros()
-        for variable, value in dds_environment().items():
+        discovery = os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE', '')
+        for variable, value in dds_environment(discovery).items():
             os.environ.setdefault(variable, value)
         module = importlib.import_module(f'lunar_rover_sim.nodes.{name}')
         from lunar_rover_sim.nodes.node_main import run

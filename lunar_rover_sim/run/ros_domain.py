@@ -47,19 +47,24 @@ def require_ros() -> None:
                          + with_extra('ros'))
 
 
-def dds_environment() -> dict[str, str]:
-    """Return the environment variable by which Fast DDS reads `config/fastdds.xml`.
+def dds_environment(discovery: str = '') -> dict[str, str]:
+    """Return the environment variable by which Fast DDS reads a profile of `config`.
 
     Nodes that have it discover each other, and repair the loss of a message, in tenths of a
     second, without it in 3 s. Other middleware does not read it. A file that the user names
     instead takes precedence: that is for the caller.
+
+    Args:
+        discovery: ROS_AUTOMATIC_DISCOVERY_RANGE. With LOCALHOST the profile has no socket that
+            another machine reaches: ROS itself only keeps quiet, and answers whoever calls.
     """
-    return {_PROFILES: str(config_path('fastdds.xml'))}
+    name = 'fastdds_localhost.xml' if discovery == 'LOCALHOST' else 'fastdds.xml'
+    return {_PROFILES: str(config_path(name))}
 
 
 def ros_environment(domain: int) -> dict[str, str]:
     """Return the environment of a process that takes part in the graph of a ROS domain."""
-    environment = {**dds_environment(), **os.environ, **_ENVIRONMENT,
+    environment = {**dds_environment('LOCALHOST'), **os.environ, **_ENVIRONMENT,
                    'ROS_DOMAIN_ID': str(domain)}
     # It would override ROS_AUTOMATIC_DISCOVERY_RANGE.
     environment.pop('ROS_LOCALHOST_ONLY', None)

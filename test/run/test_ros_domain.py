@@ -109,6 +109,22 @@ def test_profiles_of_fast_dds_are_ours_or_those_of_the_user(
 
 
 @pytest.mark.ros
+def test_other_machines_find_no_port_of_a_run(domain: int,
+                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    """What others may write to is open on this machine only; no static peer drives the rover."""
+    monkeypatch.delenv(PROFILES, raising=False)
+    script = ("import psutil, rclpy; rclpy.init(); node = rclpy.create_node('alone'); "
+              "print(*(f'{s.laddr.ip}:{s.laddr.port}' for s in "
+              "psutil.Process().net_connections('inet')))")
+    finished = subprocess.run([sys.executable, '-c', script], env=ros_environment(domain),
+                              capture_output=True, text=True, timeout=LIMIT_S, check=True)
+    of_domain = range(7400 + 250 * domain, 7650 + 250 * domain)
+    places = [place.rpartition(':') for place in finished.stdout.split()]
+    addresses = {ip for ip, _, port in places if int(port) in of_domain}
+    assert addresses == {'127.0.0.1'}, places
+
+
+@pytest.mark.ros
 def test_what_fast_dds_prints_is_no_time(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """A file of profiles that is not there is told on standard output, among the times."""
     monkeypatch.setenv(PROFILES, '/there/is/none.xml')
