@@ -258,9 +258,9 @@ def frame_items(ns: int, scene: Scene, with_depth: bool = True) -> list[Item]:
     made = [
         (topics.EXPOSURE, exposure),
         (topics.LEFT_IMAGE, image(ns, frame, 'mono8', left)),
-        (topics.RIGHT_IMAGE, image(ns, frames.RIGHT_OPTICAL_FRAME, 'mono8', right)),
+        (topics.RIGHT_IMAGE, image(ns, frame, 'mono8', right)),
         (topics.LEFT_INFO, camera_info(ns, frame, 0.0)),
-        (topics.RIGHT_INFO, camera_info(ns, frames.RIGHT_OPTICAL_FRAME, MOUNT.baseline_m)),
+        (topics.RIGHT_INFO, camera_info(ns, frame, MOUNT.baseline_m)),
         (topics.DISPARITY, disparity_image),
         (topics.DEPTH, image(ns, frame, '32FC1', sgm_depth)),
         (topics.DEPTH_INFO, camera_info(ns, frame, 0.0)),

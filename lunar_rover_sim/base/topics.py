@@ -114,13 +114,15 @@ CMD_VEL = Topic('cmd_vel', 'geometry_msgs/msg/TwistStamped', EVENT, 'drive_node'
                 frames.BASE_FRAME, 'Twist where enable_stamped_cmd_vel is false')
 LEFT_IMAGE = Topic('stereo/left/image_raw', 'sensor_msgs/msg/Image', FRAME, 'render_node',
                    frames.LEFT_OPTICAL_FRAME, 'mono8')
+# The pair has one frame, as image_pipeline wants it; P of the right camera has the baseline.
 RIGHT_IMAGE = Topic('stereo/right/image_raw', 'sensor_msgs/msg/Image', FRAME, 'render_node',
-                    frames.RIGHT_OPTICAL_FRAME, 'mono8')
+                    frames.LEFT_OPTICAL_FRAME, 'mono8')
 LEFT_INFO = Topic('stereo/left/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
                   frames.LEFT_OPTICAL_FRAME, 'REP-104; the stamp is the middle of the exposure, '
                   'with a rolling shutter of that of the middle row')
 RIGHT_INFO = Topic('stereo/right/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
-                   frames.RIGHT_OPTICAL_FRAME, 'REP-104; P[3] = -fx B')
+                   frames.LEFT_OPTICAL_FRAME, 'REP-104; P[3] = -fx B, so P projects points of '
+                   'the frame, that of the left camera')
 EXPOSURE = Topic('stereo/exposure', 'sensor_msgs/msg/JointState', FRAME, 'render_node',
                  frames.LEFT_OPTICAL_FRAME, 'position: exposure time of the left and the right '
                  'image [s]')
@@ -136,7 +138,7 @@ LEFT_COMPRESSED = Topic('stereo/left/image_raw/compressed', 'sensor_msgs/msg/Com
                         FRAME, 'render_node', frames.LEFT_OPTICAL_FRAME,
                         'JPEG or PNG, as compressed_image_transport', in_all=False)
 RIGHT_COMPRESSED = Topic('stereo/right/image_raw/compressed', 'sensor_msgs/msg/CompressedImage',
-                         FRAME, 'render_node', frames.RIGHT_OPTICAL_FRAME,
+                         FRAME, 'render_node', frames.LEFT_OPTICAL_FRAME,
                          'JPEG or PNG, as compressed_image_transport', in_all=False)
 POINTS = Topic('stereo/points2', 'sensor_msgs/msg/PointCloud2', DEPTH_FRAME, 'render_node',
                frames.LEFT_OPTICAL_FRAME, 'from SGM: x, y, z [m], intensity of the left image; '
@@ -341,12 +343,21 @@ def legs_of(names: Iterable[str]) -> tuple[str, ...]:
 def hazard(camera: str) -> tuple[Topic, ...]:
     """Return the topics of a hazard camera, in the order of OF_HAZARD.
 
+    Image and CameraInfo of a pair have one frame, that of the left camera; the truth has its own.
+
     Args:
         camera: Its name; of a pair, with /left or /right.
     """
-    frame_id = HAZARD_IMAGE.frame_id.replace(NAME, camera.replace('/', '_'))
-    return tuple(dataclasses.replace(topic, name=topic.name.replace(NAME, camera),
-                                     frame_id=frame_id) for topic in OF_HAZARD)
+    own = hazard_frame(camera)
+    left = hazard_frame(f'{camera[:-6]}/left') if camera.endswith('/right') else own
+    return tuple(dataclasses.replace(
+        topic, name=topic.name.replace(NAME, camera),
+        frame_id=left if topic in (HAZARD_IMAGE, HAZARD_INFO) else own) for topic in OF_HAZARD)
+
+
+def hazard_frame(camera: str) -> str:
+    """Return the optical frame of a hazard camera, which is named as in `hazard`."""
+    return HAZARD_IMAGE.frame_id.replace(NAME, camera.replace('/', '_'))
 
 
 def of_hazard(name: str) -> tuple[Topic, str] | None:

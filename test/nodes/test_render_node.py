@@ -140,7 +140,7 @@ def _check_hazards(received: dict[str, list[Any]]) -> None:
     assert info.distortion_model == 'equidistant' and list(info.d) == [0.01, 0.0, 0.0, 0.0]
     assert np.ptp(np.frombuffer(bytes(image.data), np.uint8)) > 20
     right = received['hazard/rear/right/camera_info'][0]
-    assert right.header.frame_id == 'hazard_rear_right_optical_frame'
+    assert right.header.frame_id == 'hazard_rear_left_optical_frame'
     assert right.distortion_model == 'plumb_bob' and right.k[0] == pytest.approx(160.0)
     assert right.p[3] == pytest.approx(-160.0 * 0.05)
     assert received['hazard/rear/right/image_raw'][0].header == right.header
@@ -148,7 +148,8 @@ def _check_hazards(received: dict[str, list[Any]]) -> None:
                     for name in ('front/labels', 'rear/right/depth/image'))
     assert (label.encoding, label.header) == ('mono16', image.header)
     assert 1 in np.frombuffer(bytes(label.data), np.uint16)
-    assert depth.header == right.header and depth.encoding == '32FC1'
+    assert depth.header.stamp == right.header.stamp and depth.encoding == '32FC1'
+    assert depth.header.frame_id == 'hazard_rear_right_optical_frame'       # it has no P
     assert 0.02 < np.frombuffer(bytes(depth.data), np.float32).min() < 1.0
 
 

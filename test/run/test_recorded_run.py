@@ -12,6 +12,7 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.judge.evaluation.map_evaluation import evaluate_maps
 from lunar_rover_sim.rover.description import Legs
+from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.run.scenario import Scenario
 
 pytestmark = pytest.mark.ros
@@ -75,7 +76,7 @@ def test_messages_say_what_they_must(recorded_run: Path) -> None:
         focal_px, baseline_m = left.k[0], 0.1
         assert left.p[3] == 0
         assert right.p[3] == pytest.approx(-focal_px * baseline_m)
-        assert left.header.frame_id != right.header.frame_id
+        assert left.header.frame_id == right.header.frame_id
         exposure = bag.first(topics.EXPOSURE.name)
         assert exposure.name == ['left', 'right']
         assert 1e-5 < exposure.position[0] == exposure.position[1] < 0.1
@@ -132,3 +133,22 @@ def test_it_maps_arrives_and_ends(tmp_path: Path) -> None:
     assert np.linalg.norm(odometry.positions_m[-1, :2] - GOAL_M) < 0.3
     assert odometry.stamps_ns[-1] < 30e9
     assert evaluate_maps(tmp_path / 'run' / 'bag').near.rms_m < 0.03
+
+
+def test_the_pair_is_one_that_image_pipeline_takes(recorded_run: Path) -> None:
+    """One frame, equal f and cy; P projects points of it into the right image, as tf does."""
+    with open_bag(recorded_run / 'bag') as bag:
+        left, right = (bag.first(f'/stereo/{side}/camera_info') for side in ('left', 'right'))
+        assert {bag.first(f'/stereo/{side}/image_raw').header.frame_id
+                for side in ('left', 'right')} == {left.header.frame_id} == {right.header.frame_id}
+        run = RecordedRun(bag)
+        T_base_left, T_base_right = (run.frame_from_tf(f'stereo_{side}_optical_frame')
+                                     for side in ('left', 'right'))
+    assert left.header.frame_id == 'stereo_left_optical_frame'
+    assert T_base_left is not None and T_base_right is not None
+    assert [left.p[k] for k in (0, 5, 6)] == [right.p[k] for k in (0, 5, 6)]    # fx, fy, cy
+    point = np.array([0.3, -0.2, 4.0, 1.0])
+    in_right = np.linalg.inv(T_base_right) @ T_base_left @ point
+    pixel = right.k.reshape(3, 3) @ in_right[:3]
+    expected = right.p.reshape(3, 4) @ point
+    np.testing.assert_allclose(pixel[:2] / pixel[2], expected[:2] / expected[2], atol=1e-9)

@@ -140,7 +140,7 @@ def fixed_frames(name: str, config: HazardConfig) -> tuple[tuple[str, str, Array
     turn = se3(R_BODY_OPTICAL, np.zeros(3))
     result: list[tuple[str, str, Array]] = []
     for camera, T_base_link in zip(sides(name, config), HazardRig(config).link_poses()):
-        optical = topics.hazard(camera)[0].frame_id
+        optical = topics.hazard_frame(camera)
         link = optical.replace('_optical_frame', '_link')
         result += [(frames.BASE_FRAME, link, T_base_link), (link, optical, turn)]
     return tuple(result)

@@ -65,7 +65,7 @@ def further_cameras(bag: Bag) -> list[RecordedCamera]:
 def _place(bag: Bag, name: str) -> Array:
     """Return T_base_camera (4, 4): from tf_static, else from the recorded scenario."""
     run = RecordedRun(bag)
-    T = run.frame_from_tf(topics.hazard(name)[0].frame_id)
+    T = run.frame_from_tf(topics.hazard_frame(name))
     if T is not None:
         return T
     camera, _, side = name.partition('/')
