@@ -270,9 +270,9 @@ PLAN = Topic('plan', 'nav_msgs/msg/Path', EVENT, 'navigator_node', frames.ODOM_F
              'what the navigator follows; sent when it changes, empty without a plan')
 GOAL = Topic('goal', 'geometry_msgs/msg/PoseStamped', EVENT, 'navigator_node', frames.ODOM_FRAME,
              'what it drives to, sent when that changes')
-NAVIGATOR_STATUS = Topic('navigator/status', 'diagnostic_msgs/msg/DiagnosticArray', EVENT,
-                         'navigator_node', '', 'waiting, following, looking, backing off, arrived '
-                         'or failed, with its reason; sent when that changes')
+NAVIGATOR_STATUS = Topic('navigator/status', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED,
+                         'navigator_node', '', 'waiting, following, looking, backing off, turning, '
+                         'arrived or failed, with its reason; sent when that changes')
 NAVIGATED = Topic('navigator/finished', 'std_msgs/msg/Header', EVENT, 'navigator_node', '',
                   'stamp at which a run ends, since the navigator has arrived or given up')
 
@@ -286,6 +286,8 @@ CONTRACT: tuple[Topic, ...] = (
     *OF_LIDAR, LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
     RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TRAVERSABILITY, ELEVATION, GRID_MAP, PLAN,
     GOAL, NAVIGATOR_STATUS, NAVIGATED)
+# Latched topics of what changes: sent again then, and none of it is to be lost.
+CHANGING: tuple[Topic, ...] = (SUN, NAVIGATOR_STATUS)
 # What the navigator reads; its users publish it.
 GOAL_POSE = Topic('goal_pose', 'geometry_msgs/msg/PoseStamped', EVENT, '')
 WAYPOINTS = Topic('waypoints', 'nav_msgs/msg/Path', EVENT, '')

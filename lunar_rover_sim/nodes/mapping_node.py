@@ -96,8 +96,8 @@ class MappingNode(node_main.GraphNode):
             if self._take_in(stamp, msg, T):
                 self.get_logger().warning(f'the pose has jumped at {stamp / 1e9:.3f} s: the map '
                                           'is begun anew')
-            self._newest = traversability(self._map.elevation(), self._limits,
-                                          self._config.limits.fill_cells)
+            self._newest = None if not self._map.has_seen else traversability(
+                self._map.elevation(), self._limits, self._config.limits.fill_cells, T[:2, 3])
         self._publish(stamp)
 
     def _take_in(self, stamp: int, msg: Any, T_world_base: Array) -> bool:

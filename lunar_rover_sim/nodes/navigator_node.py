@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+import math
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -13,8 +14,7 @@ import numpy as np
 from std_msgs.msg import Header
 
 from lunar_rover_sim.autonomy.navigation.config import SLAM, TraversabilityConfig
-from lunar_rover_sim.autonomy.navigation.navigator import (ARRIVED, FAILED, Navigator,
-                                                           NavigatorCommand)
+from lunar_rover_sim.autonomy.navigation.navigator import Navigator, NavigatorCommand, Status
 from lunar_rover_sim.autonomy.navigation.planner import Plan
 from lunar_rover_sim.autonomy.navigation.traversability import Limits, Traversability
 from lunar_rover_sim.bag.messages import header_ns
@@ -25,7 +25,7 @@ from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.nodes import conversions, map_conversions, node_main, qos
-from lunar_rover_sim.nodes.nav2_action import NavigateToPoseServer
+from lunar_rover_sim.nodes.nav2_action import NavigateToPoseServer, Progress
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.pose_source import PoseSource
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
@@ -49,16 +49,15 @@ class NavigatorNode(node_main.GraphNode):
         half_extent_m = None
         if config.world:
             half_extent_m = load_world(config.world, verify=False).ground.half_extent_m
-        half_width_m = config.half_width_m or Limits.of(
-            rover, TraversabilityConfig()).half_width_m
-        self._navigator = Navigator(config, half_width_m, half_extent_m)
+        radius_m = config.radius_m or Limits.of(rover, TraversabilityConfig()).radius_m
+        self._navigator = Navigator(config, radius_m, half_extent_m)
         self._period_ns = NS_PER_S // config.rate_hz
         self._map_ns = round(config.map_period_s * 1e9)
         self._lag_ns = round(config.map_lag_s * 1e9)
         self._first_period = 0 if config.lockstep else -1
         self._maps: deque[tuple[int, Traversability]] = deque(maxlen=_KEPT_MAPS)
         self._due: deque[int] = deque()
-        self._status = ''
+        self._status: Status | None = None
         self._plan: Plan | None = None
         self._goals: tuple[Array, ...] = ()
         self._restart()
@@ -89,7 +88,7 @@ class NavigatorNode(node_main.GraphNode):
         self._maps.clear()
         self._due.clear()
         self._navigator.reset()
-        self._status, self._plan, self._goals = '', None, ()
+        self._status, self._plan, self._goals = None, None, ()
         self._is_done = False
 
     # Input
@@ -119,32 +118,46 @@ class NavigatorNode(node_main.GraphNode):
         self._take_goals(msg.poses)
 
     def _take_goals(self, poses: Sequence[PoseStamped]) -> None:
-        if not self._set_goals(poses) and self._action is not None:
+        if self._set_goals(poses, False) is None and self._action is not None:
             self._action.replace()
 
-    def _set_goals(self, poses: Sequence[PoseStamped]) -> str:
-        """Drive to these poses; return '' or, with a warning, why they are refused."""
+    def _set_goals(self, poses: Sequence[PoseStamped], turns: bool) -> str | None:
+        """Drive to these poses; return None or, with a warning, why they are refused.
+
+        Args:
+            turns: Whether it turns to the heading of the last one.
+        """
         try:
-            self._navigator.set_goals([self._in_odom(pose) for pose in poses])
+            goals = [self._in_odom(pose) for pose in poses]
+            self._navigator.set_goals([point for point, _ in goals],
+                                      goals[-1][1] if turns and goals else None)
         except NavigationError as error:
             self.get_logger().warning(f'refused: {error}')
             return str(error)
         self._is_done = False
-        return ''
+        return None
 
-    def _in_odom(self, goal: PoseStamped) -> Array:
-        """Return a goal (2,) in the frame of the poses; raise NavigationError for other frames."""
+    def _in_odom(self, goal: PoseStamped) -> tuple[Array, float]:
+        """Return a goal (2,) and its heading [rad] in the frame of the poses.
+
+        Raises:
+            NavigationError: If its frame has no transform here.
+        """
         point = np.array([goal.pose.position.x, goal.pose.position.y])
+        q = goal.pose.orientation
+        heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y),
+                             q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
         frame = goal.header.frame_id.lstrip('/')
         if frame in ('', self._poses.frame_id, frames.ODOM_FRAME):
-            return point
+            return point, heading
         if frame in (frames.BASE_FRAME, frames.FOOTPRINT_FRAME, frames.TRUE_BASE_FRAME):
             found = self._poses.newest(1 << 62)
             if found is None:
                 raise NavigationError(f'goal: no pose is known yet to bring it from {frame} to '
                                       f'{self._poses.frame_id}')
             T = found[1]
-            return np.asarray(T[:2, :2] @ point + T[:2, 3], float)
+            return (np.asarray(T[:2, :2] @ point + T[:2, 3], float),
+                    heading + math.atan2(T[1, 0], T[0, 0]))
         raise NavigationError(f'goal: frame {frame!r} has no transform here; valid are '
                               f'{self._poses.frame_id}, {frames.BASE_FRAME}')
 
@@ -173,7 +186,8 @@ class NavigatorNode(node_main.GraphNode):
 
     def _answer(self, now_ns: int) -> None:
         lockstep = self._config.lockstep
-        pose = self._poses.newest(self._pose_due(now_ns) if lockstep else now_ns)
+        known = self._pose_due(now_ns) if lockstep else now_ns
+        pose = self._poses.newest(known)
         up_to = now_ns - self._lag_ns if lockstep else now_ns
         grid = next((grid for stamp, grid in reversed(self._maps) if stamp <= up_to), None)
         if grid is not None and grid.stamp_ns <= 1:
@@ -182,16 +196,16 @@ class NavigatorNode(node_main.GraphNode):
         turn = (frames.wxyz_from_matrix(T[:3, :3]) if np.isfinite(T).all()
                 else np.full(4, np.nan))
         command = self._navigator.update(now_ns, None if pose is None else pose[0], T[:3, 3],
-                                         turn, grid)
+                                         turn, grid, self._poses.tilt_deg(known))
         stamp = conversions.time_msg(now_ns)
         velocity = command.forward_mps, command.yaw_rate_radps
         if self._config.enable_stamped_cmd_vel:
             self._publisher.publish(conversions.twist_stamped(*velocity, stamp))
         else:
             self._publisher.publish(conversions.twist(*velocity))
-        self._tell(command, stamp, now_ns)
+        self._tell(command, stamp, now_ns, T)
 
-    def _tell(self, command: NavigatorCommand, stamp: Any, now_ns: int) -> None:
+    def _tell(self, command: NavigatorCommand, stamp: Any, now_ns: int, T: Array) -> None:
         for note in self._navigator.notes:
             self.get_logger().info(f'{now_ns / 1e9:.2f} s: {note}')
         self._navigator.notes.clear()
@@ -206,11 +220,14 @@ class NavigatorNode(node_main.GraphNode):
         if command.status != self._status:
             self._status = command.status
             self._outputs[topics.NAVIGATOR_STATUS].publish(_status(command, stamp))
-            if command.status == FAILED:
+            if command.failure is not None:
                 self.get_logger().warning(f'gave up at {now_ns / 1e9:.2f} s: {command.reason}')
         if self._action is not None:
-            self._action.tell(command)
-        if command.status in (ARRIVED, FAILED) and not self._is_done:
+            left_m = self._navigator.left_m(T[:3, 3])
+            self._action.tell(Progress(
+                command, now_ns, map_conversions.pose_at(T, frame_id, stamp), left_m,
+                left_m / self._config.speed_mps, self._navigator.backed_off))
+        if command.status.is_end and not self._is_done:
             self._is_done = True
             if self._config.end_after_s >= 0.0:
                 # At a whole second: there every topic with a period has a message.
@@ -220,9 +237,9 @@ class NavigatorNode(node_main.GraphNode):
 
 
 def _status(command: NavigatorCommand, stamp: Any) -> DiagnosticArray:
-    level = DiagnosticStatus.WARN if command.status == FAILED else DiagnosticStatus.OK
+    level = DiagnosticStatus.OK if command.failure is None else DiagnosticStatus.WARN
     array = DiagnosticArray(status=[DiagnosticStatus(
-        level=level, name='navigator', message=command.status,
+        level=level, name='navigator', message=command.status.value,
         values=[KeyValue(key='reason', value=command.reason)])])
     array.header.stamp = stamp
     return array

@@ -21,6 +21,7 @@ from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.errors import GraphError
 from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.judge.slam.protocol import STATES, TRACKING
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.node_main import GraphNode, TimeJump
 from lunar_rover_sim.rover.description import RoverDescription
@@ -28,6 +29,7 @@ from lunar_rover_sim.rover.mounts import imu_pose, optical_poses
 from lunar_rover_sim.run.shared_config import NodeConfig
 
 _KEPT_NS = 5_000_000_000    # poses older than this are forgotten
+_TRACKING = STATES[TRACKING]
 
 
 class PoseSource:
@@ -96,6 +98,14 @@ class PoseSource:
             return None if found is None else (found[0], _pose_of(found[1]))
         return next(((ns, T) for ns, T in reversed(self._poses) if ns <= up_to_ns), None)
 
+    def tilt_deg(self, up_to_ns: int) -> float | None:
+        """Return the tilt by the IMU, of the newest pose by wheels up to a stamp.
+
+        None: it is that of the pose, since that is the truth, or there is none by wheels yet.
+        """
+        found = next((T for ns, T in reversed(self._rolled) if ns <= up_to_ns), None)
+        return None if found is None else float(frames.tilt_deg(found[:3, :3]))
+
     def _truth_callback(self, raw: bytes) -> None:
         stamp = stamp_ns(topics.ODOM.type, raw)
         if stamp is None:
@@ -143,7 +153,7 @@ class PoseSource:
         self._pair()
 
     def _status_callback(self, msg: DiagnosticArray) -> None:
-        tracks = any(status.message == 'tracking' for status in msg.status)
+        tracks = any(status.message == _TRACKING for status in msg.status)
         self._statuses.append((header_ns(msg), tracks))
         self._pair()
 

@@ -19,7 +19,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.parameters import nearest
-from lunar_rover_sim.base.topics import DEPTH_FRAME, FRAME, LATCHED, SCAN, SUN, Topic
+from lunar_rover_sim.base.topics import CHANGING, DEPTH_FRAME, FRAME, LATCHED, SCAN, Topic
 
 STATE_DEPTH = 1000
 FRAME_DEPTH = 10
@@ -35,7 +35,7 @@ def reliable(depth: int, durable: bool = False) -> QoSProfile:
 
 def depth(topic: Topic | None) -> int:
     """Return the history depth of a topic of the contract; unknown topics count as state."""
-    if topic is SUN:    # it may move, and none of its directions is to be lost
+    if topic in CHANGING:
         return FRAME_DEPTH
     if topic is not None and topic.rate == LATCHED:
         return 1

@@ -347,10 +347,18 @@ class NavigatorNodeConfig(PacedConfig, NodeConfig, NavigatorConfig):
     end_after_s: float = param(1.0, 'time after arrival, or after giving up, at which a run ends; '
                                'negative: it goes on for its whole duration', unit='s', low=-1.0,
                                high=3600.0)
-    half_width_m: float = param(0.0, 'half the width of the rover; 0: by its description',
-                                unit='m', low=0.0, high=10.0)
+    radius_m: float = param(0.0, 'of the circle around the rover and its spokes; 0: by its '
+                            'description', unit='m', low=0.0, high=10.0)
     enable_stamped_cmd_vel: bool = param(True, 'publish cmd_vel as TwistStamped (true) or Twist '
                                          '(false), as drive_node')
+
+    def validate(self) -> None:
+        """Raise ConfigError also where maps would always be too old to drive by."""
+        super().validate()
+        if self.map_age_s < self.map_lag_s + self.map_period_s:
+            raise ConfigError(f'map_age_s: {self.map_age_s:g} is not valid; valid is >= '
+                              f'{self.map_lag_s + self.map_period_s:g} [s], map_lag_s and a period'
+                              ' of the depth')
 
 
 NODE_CONFIGS: dict[str, type[NodeConfig]] = {

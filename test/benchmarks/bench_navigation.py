@@ -115,7 +115,7 @@ def main() -> int:
     print(f'costs of a whole map: {median_ms(lambda: traversability(whole, limits)):.1f} ms')
     grid, config = traversability(whole, limits), scenario.navigator_node.plan
     print('a plan over it, to the edge: {:.1f} ms'.format(median_ms(
-        lambda: Planner(grid, config, limits.half_width_m, (0.0, 0.0)).plan((9.0, 3.0)))))
+        lambda: Planner(grid, config, limits.radius_m, (0.0, 0.0)).plan((9.0, 3.0)))))
     print(f'mapping_node: {node(frames)}')
     return 0
 

@@ -10,11 +10,16 @@ pytest.importorskip('rclpy')
 from rclpy import action, callback_groups, task  # noqa: E402  (needs rclpy)
 from waiting import wait_until  # noqa: E402
 
-from lunar_rover_sim.autonomy.navigation.navigator import (ARRIVED, FAILED,  # noqa: E402
-                                                           FOLLOWING, NavigatorCommand)
-from lunar_rover_sim.nodes.nav2_action import NavigateToPoseServer  # noqa: E402
+from lunar_rover_sim.autonomy.navigation.navigator import (Failure,  # noqa: E402
+                                                           NavigatorCommand, Status)
+from lunar_rover_sim.nodes.nav2_action import NavigateToPoseServer, Progress  # noqa: E402
 
 REFUSED = 'too far'
+
+
+def progress(status, reason='', failure=None, stamp_s=1.0, left_m=3.0):
+    command = NavigatorCommand(0.1, 0.0, status, reason, failure)
+    return Progress(command, round(stamp_s * 1e9), 'here', left_m, left_m / 0.12, 2)
 
 
 class Handle:
@@ -22,6 +27,8 @@ class Handle:
 
     def __init__(self, pose: str) -> None:
         self.request, self.is_cancel_requested, self.ends = SimpleNamespace(pose=pose), False, []
+        self.feedback: list[Any] = []
+        self.publish_feedback = self.feedback.append
         self.task: Any = None
 
     @property
@@ -42,16 +49,20 @@ class Client:
         self.set: list[list[str]] = []
         self.tasks: list[Any] = []
         self.server = NavigateToPoseServer(object(), SimpleNamespace(  # type: ignore
-            Result=lambda: SimpleNamespace(error_msg='')), self._set_goals)
+            Result=lambda: SimpleNamespace(error_msg=''),
+            Feedback=lambda: SimpleNamespace(
+                navigation_time=SimpleNamespace(),
+                estimated_time_remaining=SimpleNamespace())), self._set_goals)
 
     def _take(self, node: Any, kind: Any, name: str, execute: Any, **_: Any) -> None:
         self.name, self.execute = name, execute
 
-    def _set_goals(self, poses: Any) -> str:
+    def _set_goals(self, poses: Any, turns: bool) -> str | None:
         if poses == [REFUSED]:
             return 'goal: too far'
+        assert turns == bool(poses)     # a goal of the action has a heading
         self.set.append(poses)
-        return ''
+        return None
 
     def send(self, pose: str) -> Handle:
         handle = Handle(pose)
@@ -75,14 +86,15 @@ def client(monkeypatch):
     return Client(monkeypatch)
 
 
-@pytest.mark.parametrize('status, end', [(ARRIVED, 'succeed'), (FAILED, 'abort')])
-def test_a_goal_ends_as_the_navigator_ends(client, status, end):
+@pytest.mark.parametrize('status, why, end', [(Status.ARRIVED, None, 'succeed'),
+                                              (Status.FAILED, Failure.STUCK, 'abort')])
+def test_a_goal_ends_as_the_navigator_ends(client, status, why, end):
     goal = client.send('a')
     assert client.name == 'navigate_to_pose' and client.set == [['a']]
-    client.server.tell(NavigatorCommand(0.1, 0.0, FOLLOWING))
+    client.server.tell(progress(Status.FOLLOWING))
     client.turn()
     assert not goal.ends
-    client.server.tell(NavigatorCommand(0.0, 0.0, status, 'stuck: moved'))
+    client.server.tell(progress(status, 'stuck: moved', why))
     assert client.ends(goal) == [end] and goal.reason == 'stuck: moved'
 
 
@@ -102,5 +114,19 @@ def test_a_newer_goal_aborts_an_older_one_but_a_refused_one_does_not(client):
     assert client.ends(first) == ['abort'] and not second.ends
     assert first.reason == 'a newer goal has replaced this one'
     client.server.replace()     # by a topic
-    client.server.tell(NavigatorCommand(0.0, 0.0, ARRIVED))
+    client.server.tell(progress(Status.ARRIVED))
     assert client.ends(second) == ['abort']
+
+
+def test_a_goal_is_told_how_far_it_is(client):
+    goal = client.send('a')
+    for stamp_s, left_m in ((5.0, 3.0), (5.1, 2.99), (7.5, 2.7)):
+        client.server.tell(progress(Status.FOLLOWING, stamp_s=stamp_s, left_m=left_m))
+        before = len(goal.feedback)
+        if stamp_s != 5.1:      # twice a second
+            wait_until(lambda n=before: len(goal.feedback) > n, meanwhile=client.turn)
+    first, last = goal.feedback[0], goal.feedback[-1]
+    assert first.distance_remaining == 3.0 and first.navigation_time.sec == 0
+    assert (last.navigation_time.sec, last.navigation_time.nanosec) == (2, 500_000_000)
+    assert last.estimated_time_remaining.sec == 22      # 2.7 m at 0.12 m/s
+    assert last.current_pose == 'here' and last.number_of_recoveries == 2

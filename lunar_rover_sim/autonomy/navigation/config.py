@@ -48,6 +48,9 @@ class MapConfig(Parameters):
     level_stddev_deg: float = param(
         1.0, 'error of pitch and roll of the pose, corrected likewise; 0: the pose is trusted',
         unit='deg', low=0.0, high=20.0)
+    least_share: float = param(0.005, 'share of the pixels, or of the points, that must have '
+                               'entered the map before it counts as renewed: a covered lens, or '
+                               'the night, shows nothing', low=0.0, high=1.0)
     jump_m: float = param(0.5, 'a pose that jumps by more, beyond what the rover can drive, '
                           'begins the map anew', unit='m', low=0.05, high=10.0)
 
@@ -94,16 +97,19 @@ class TraversabilityConfig(Parameters):
 class PlanConfig(Parameters):
     """Costs of a plan: a metre over free ground costs 1."""
 
-    margin_m: float = param(0.05, 'distance that the rover keeps from obstacles beside half its '
-                            'width', unit='m', low=0.0, high=2.0)
+    margin_m: float = param(0.0, 'distance from obstacles beyond the circle around the rover and '
+                            'its spokes', unit='m', low=0.0, high=2.0)
     near_m: float = param(0.35, 'distance from obstacles up to which a way costs more', unit='m',
                           low=0.0, high=5.0)
     near_cost: float = param(6.0, 'what it costs more at most', low=0.0, high=100.0)
     rough_cost: float = param(12.0, 'what ground just below the limits costs more', low=0.0,
                               high=100.0)
-    unknown_cost: float = param(3.0, 'what unknown ground costs more', low=0.0, high=100.0)
-    blind_m: float = param(0.6, 'unknown ground this near to the rover counts as free: it stands '
-                           'there, and its cameras do not see it', unit='m', low=0.0, high=5.0)
+    unknown_cost: float = param(3.0, 'what unknown ground costs more in a plan; it is looked at '
+                                'before the rover drives there', low=0.0, high=100.0)
+    unknown_share: float = param(0.1, 'share of the circle around the rover and its spokes that '
+                                 'may be unknown', low=0.0, high=1.0)
+    start_m: float = param(0.6, 'ground this near to the start is known: the rover stands there, '
+                           'and its cameras do not see it', unit='m', low=0.0, high=5.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,6 +133,8 @@ class NavigatorConfig(Parameters):
                                     open_low=True, high=10.0)
     waypoint_tolerance_m: float = param(0.4, 'a waypoint before the last is reached at this '
                                         'distance', unit='m', low=0.0, open_low=True, high=10.0)
+    goal_heading_deg: float = param(8.0, 'error of a final heading that is good enough; goals of '
+                                    'NavigateToPose have one', unit='deg', low=1.0, high=180.0)
     start_delay_s: float = param(1.0, 'time at rest before the drive starts', unit='s', low=0.0,
                                  high=3600.0)
     plan_period_s: float = param(1.0, 'time from plan to plan; at once where the way is blocked',
@@ -138,6 +146,10 @@ class NavigatorConfig(Parameters):
     look_unknown_m: float = param(0.15, 'length of unknown ground on it that makes the rover '
                                   'look', unit='m', low=0.0, high=5.0)
     look_s: float = param(1.5, 'time that it looks', unit='s', low=0.1, high=60.0)
+    creep: bool = param(False, 'drive, slowly, over ground that stays unknown when it has been '
+                        'looked at, a shadow; false: only around it')
+    creep_mps: float = param(0.05, 'forward speed there', unit='m/s', low=0.0, open_low=True,
+                             high=2.0)
     tilt_limit_deg: float = param(28.0, 'tilt at which it backs off', unit='deg', low=5.0,
                                   high=89.0)
     tilt_time_s: float = param(0.6, 'time for which that tilt must last: a step rocks the body',
@@ -156,8 +168,8 @@ class NavigatorConfig(Parameters):
                           'it stands still meanwhile', unit='s', low=0.1, high=600.0)
     pose_age_s: float = param(0.5, 'age at which a pose counts as missing', unit='s', low=0.05,
                               high=10.0)
-    map_age_s: float = param(5.0, 'age at which a map counts as missing', unit='s', low=0.2,
-                             high=600.0)
+    map_age_s: float = param(1.5, 'age of the newest depth at which a map counts as missing',
+                             unit='s', low=0.2, high=600.0)
     border_m: float = param(1.0, 'goals nearer than this to the edge of the world are refused',
                             unit='m', low=0.0, high=100.0)
     plan: PlanConfig = group(PlanConfig)

@@ -69,13 +69,19 @@ class ElevationMap:
         self._sums = np.zeros((4, n, n), np.float64)
         self._corner: NDArray[np.int64] | None = None      # cell of [0, 0], in cells of the world
         self._last: tuple[int, Array] | None = None
+        self._seen_ns: int | None = None
         self.begun_anew = 0
 
     def clear(self) -> None:
         """Forget everything."""
         self._hits[:] = 0
         self._misses[:] = 0
-        self._corner = self._last = None
+        self._corner = self._last = self._seen_ns = None
+
+    @property
+    def has_seen(self) -> bool:
+        """Whether any frame has held depth."""
+        return self._seen_ns is not None
 
     def add_depth(self, stamp_ns: int, depth_m: F32, K: ArrayLike, baseline_m: float,
                   T_map_camera: ArrayLike, position_m: ArrayLike) -> bool:
@@ -111,7 +117,7 @@ class ElevationMap:
                        self._corner, self.config.cell_m, self.config.min_range_m,
                        self.config.max_range_m, noise, self.config.range_stddev_m,
                        self.config.height_stddev_m, self.config.grazing, self._sums)
-        self._take_in(np.asarray(position_m, float))
+        self._take_in(stamp_ns, depth_m.size, np.asarray(position_m, float))
         return anew
 
     def add_points(self, stamp_ns: int, points_m: ArrayLike, T_map_sensor: ArrayLike,
@@ -125,17 +131,17 @@ class ElevationMap:
         _scatter_points(points, T, self._corner, self.config.cell_m, self.config.min_range_m,
                         self.config.max_range_m, self.config.range_stddev_m,
                         self.config.height_stddev_m, self._sums)
-        self._take_in(np.asarray(position_m, float))
+        self._take_in(stamp_ns, len(points), np.asarray(position_m, float))
         return anew
 
     def elevation(self) -> Elevation:
-        """Return the map as it is now; raise NavigationError before the first frame."""
-        if self._corner is None or self._last is None:
+        """Return the map as it is now; raise NavigationError before the first depth."""
+        if self._corner is None or self._seen_ns is None:
             raise NavigationError('the map has seen nothing yet')
         known = self._hits >= self.config.least_hits
         nan = np.float32(np.nan)
         origin = np.asarray(self._corner * self.config.cell_m, float)
-        return Elevation(self._last[0], origin, self.config.cell_m,
+        return Elevation(self._seen_ns, origin, self.config.cell_m,
                          np.where(known, self._height, nan), np.where(known, self._variance, nan))
 
     def _follow(self, stamp_ns: int, position_m: ArrayLike) -> bool:
@@ -166,8 +172,10 @@ class ElevationMap:
                 _roll(array, int(shift[1]), int(shift[0]))
         return jumped
 
-    def _take_in(self, position: Array) -> None:
+    def _take_in(self, stamp_ns: int, samples: int, position: Array) -> None:
         config = self.config
+        if self._sums[3].sum() > config.least_share * samples:
+            self._seen_ns = stamp_ns
         floor = config.height_stddev_m ** 2
         _average(self._sums, floor)
         variance, mean, spread, count = self._sums

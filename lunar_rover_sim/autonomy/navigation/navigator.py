@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 import dataclasses
+import enum
 import math
 
 import numpy as np
@@ -15,26 +16,28 @@ from numpy.typing import ArrayLike
 
 from lunar_rover_sim.autonomy.navigation.config import NavigatorConfig
 from lunar_rover_sim.autonomy.navigation.overview import Overview
-from lunar_rover_sim.autonomy.navigation.planner import Disc, Plan, Planner
+from lunar_rover_sim.autonomy.navigation.planner import Disc, Ground, Plan, Planner
 from lunar_rover_sim.autonomy.navigation.traversability import Traversability
 from lunar_rover_sim.autonomy.path_following.config import DriveConfig
 from lunar_rover_sim.autonomy.path_following.driver import PurePursuit, Steering
 from lunar_rover_sim.autonomy.path_following.route import Route
 from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.errors import NavigationError
-from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, tilt_deg
+from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, path_length, tilt_deg
 from lunar_rover_sim.base.seconds import NS_PER_S
-
-IDLE, WAITING, FOLLOWING, LOOKING, BACKING, ARRIVED, FAILED = (
-    'idle', 'waiting', 'following', 'looking', 'backing off', 'arrived', 'failed')
-BLOCKED, STUCK, LOST, TILT = 'blocked', 'stuck', 'lost', 'tilt'     # why it gives up
 
 _BACK_MPS = -0.08
 _FACING_RAD = math.radians(12.0)
 _LOOK_FOR_S = 30.0          # of turning towards what is unknown, at most
 _REMEMBERED_NS = 180 * NS_PER_S
 _BUMP_AHEAD_M, _BUMP_RADIUS_M = 0.28, 0.10
-_SHADOW_RADIUS_M, _SHADOW_COST = 0.45, 3.0
+_SHADOW_BEYOND_M, _SHADOW_RADIUS_M = 0.3, 0.6   # of what it has looked at
+_LEAST_BACK_M = 0.05        # less is not worth backing off
+_TRAIL_M = 0.1              # from place to place of the trail, which is known ground
+_JUMP_M = 0.5               # a pose that jumps so far begins the trail anew
+_CLOSE_M = 0.4              # dark ground this near is looked at, however little of it there is
+_ALIGNED_RAD = math.radians(5.0)
+_TURN_FOR_S = 60.0          # to the final heading, at most
 _AROUND_TURNS = 6           # of a sixth of a circle each, where no way is seen
 _METRES_PER_RADIAN = 0.3    # weight of turning, where motion is looked at
 _LOOKAHEAD_SHARES, _ARC_POINTS = (1.0, 0.5, 0.25), 9    # of the pursuit near obstacles
@@ -43,24 +46,47 @@ _NEARER_M = 0.3             # progress to the goal that counts
 _RECOVERED_M = 1.0          # nearer by this, earlier recoveries do not count any more
 
 
+class Status(str, enum.Enum):
+    """What the navigator is doing."""
+
+    IDLE = 'idle'
+    WAITING = 'waiting'
+    FOLLOWING = 'following'
+    LOOKING = 'looking'
+    BACKING = 'backing off'
+    TURNING = 'turning'         # at the goal, to its heading
+    ARRIVED = 'arrived'
+    FAILED = 'failed'
+
+    @property
+    def is_end(self) -> bool:
+        """Whether the drive is over."""
+        return self in (Status.ARRIVED, Status.FAILED)
+
+
+class Failure(str, enum.Enum):
+    """Why the navigator gives up."""
+
+    BLOCKED = 'blocked'
+    STUCK = 'stuck'
+    LOST = 'lost'
+    TILT = 'tilt'
+
+
 @dataclasses.dataclass(frozen=True)
 class NavigatorCommand:
     """A velocity, and what the navigator is doing.
 
     Attributes:
-        status: idle, waiting, following, looking, backing off, arrived or failed.
-        reason: One line; where failed it begins with blocked, stuck, lost or tilt.
+        reason: One line for people.
+        failure: Why it has given up; None: it has not.
     """
 
     forward_mps: float
     yaw_rate_radps: float
-    status: str
+    status: Status
     reason: str = ''
-
-    @property
-    def failure(self) -> str:
-        """blocked, stuck, lost or tilt where it has failed, else ''."""
-        return self.reason.partition(':')[0] if self.status == FAILED else ''
+    failure: Failure | None = None
 
 
 class Navigator:
@@ -69,20 +95,22 @@ class Navigator:
     Attributes:
         plan: What it follows; None without one.
         notes: Lines on what has happened since they were last taken, oldest first.
+        backed_off: How often it has backed off, or tried to, since the last goals.
     """
 
-    def __init__(self, config: NavigatorConfig, half_width_m: float,
+    def __init__(self, config: NavigatorConfig, radius_m: float,
                  half_extent_m: float | None = None) -> None:
-        """Make a navigator for a rover of a half width [m].
+        """Make a navigator.
 
         Args:
+            radius_m: Of the circle around the rover and its spokes.
             half_extent_m: The world extends to +-half_extent_m [m]; None has no edge.
 
         Raises:
             NavigationError: If a goal of the configuration is outside the world.
         """
         self._config = config
-        self._half_width_m = half_width_m
+        self._radius_m = radius_m
         self._half_extent_m = math.inf if half_extent_m is None else half_extent_m
         self._pursuit_config = DriveConfig(
             speed_mps=config.speed_mps, max_yaw_rate_radps=config.max_yaw_rate_radps,
@@ -94,6 +122,7 @@ class Navigator:
     def reset(self) -> None:
         """Start again with the goals of the configuration."""
         self._goals: list[Array] = []
+        self._final_heading_rad: float | None = None
         self.plan: Plan | None = None
         self._start_ns: int | None = None
         self._now_ns = 0
@@ -101,24 +130,44 @@ class Navigator:
         self._grid: Traversability | None = None
         self._overview: Overview | None = None
         self._discs: list[Disc] = []
+        self._trail: list[Disc] = []
+        self._position: Array | None = None
+        self._seeing_heading: float | None = None       # when the newest depth came
         self._restart()
+        self.backed_off = 0
         if self._config.goals:
             self.set_goals(self._config.goals)
 
-    def set_goals(self, goals_m: Sequence[ArrayLike]) -> None:
+    def set_goals(self, goals_m: Sequence[ArrayLike],
+                  final_heading_rad: float | None = None) -> None:
         """Drive to these goals, each (2,) or (3,) [m], one after the other; none: stand still.
+
+        Args:
+            final_heading_rad: To which it turns at the last one; None: it stays as it arrives.
 
         Raises:
             NavigationError: If a goal is not finite or outside the world; the old ones stay.
         """
         checked = [self._checked(goal) for goal in goals_m]
         self._goals, self._final, self.plan = checked, None, None
+        self._final_heading_rad = final_heading_rad
+        self.backed_off = 0
         self._restart()
 
     @property
     def goals_m(self) -> tuple[Array, ...]:
         """What is still to be reached, (2,) [m] each."""
         return tuple(self._goals)
+
+    def left_m(self, position_m: ArrayLike) -> float:
+        """Return the length of the way that is left, as far as it is planned, and straight on."""
+        if not self._goals:
+            return 0.0
+        position = np.asarray(position_m, float)
+        way = np.stack([position[:2], self._goals[0]])
+        if self.plan is not None:
+            way = np.concatenate([self._rest_of(self.plan, position), self._goals[:1]])
+        return path_length(np.concatenate([way, *(g[None] for g in self._goals[1:])]))
 
     def _checked(self, goal: ArrayLike) -> Array:
         try:
@@ -143,7 +192,8 @@ class Navigator:
         self._look: tuple[int, float, Array | None] | None = None   # since, heading, what
         self._facing_ns: int | None = None
         self._around = 0
-        self._back: tuple[int, Array, str] | None = None    # since, from where, why
+        self._back: tuple[int, Array, float, str] | None = None    # since, from where, way, why
+        self._turning_ns: int | None = None
         self._history: deque[tuple[int, float, float, float]] = deque()
         self._turned, self._heading = 0.0, 0.0
         self._recoveries = 0
@@ -152,7 +202,8 @@ class Navigator:
         self._level_ns = self._now_ns
 
     def update(self, stamp_ns: int, pose_ns: int | None, position_m: ArrayLike,
-               orientation_wxyz: ArrayLike, grid: Traversability | None) -> NavigatorCommand:
+               orientation_wxyz: ArrayLike, grid: Traversability | None,
+               tilt_of_imu_deg: float | None = None) -> NavigatorCommand:
         """Return the command at a stamp.
 
         Args:
@@ -161,6 +212,8 @@ class Navigator:
             position_m: (3,) of that pose.
             orientation_wxyz: (4,) of that pose.
             grid: The newest map; None: there is none.
+            tilt_of_imu_deg: By accelerometer and gyroscope, which do not jump as an estimated
+                pose does; None: the tilt is that of the pose.
         """
         if self._start_ns is not None and stamp_ns < self._now_ns:
             self.reset()
@@ -168,37 +221,43 @@ class Navigator:
         if self._start_ns is None:
             self._start_ns = self._best_ns = stamp_ns
         if not self._goals:
-            return self._final or _still(IDLE, 'no goal')
+            return self._final or _still(Status.IDLE, 'no goal')
         if self._final is not None:
             return self._final
         if stamp_ns - self._start_ns < self._config.start_delay_s * 1e9:
             self._best_ns = stamp_ns
-            return _still(WAITING, f'until start_delay_s {self._config.start_delay_s:g} is over')
-        missing = self._what_is_missing(pose_ns, position_m, orientation_wxyz, grid)
-        if missing:
+            return _still(Status.WAITING, f'until start_delay_s {self._config.start_delay_s:g} is over')
+        missing = self._missing_pose(pose_ns, position_m, orientation_wxyz)
+        if missing is not None:
             return self._wait_for(missing)
-        self._missing_ns = None
-        assert grid is not None
         position = np.asarray(position_m, float)
         rotation = matrix_from_wxyz(orientation_wxyz)
         heading = math.atan2(rotation[1, 0], rotation[0, 0])
-        tilt = float(tilt_deg(rotation))
+        missing = self._missing_depth(grid)
+        if missing is not None:
+            return self._wait_for(missing, heading)
+        self._missing_ns = None
+        assert grid is not None
+        if self._grid is None or grid.stamp_ns != self._grid.stamp_ns:
+            self._seeing_heading = heading
+        tilt = float(tilt_deg(rotation)) if tilt_of_imu_deg is None else tilt_of_imu_deg
+        self._note_place(position)
         self._note_motion(position, heading)
         if tilt > self._config.tipped_deg:
-            return self._fail(TILT, f'tilted by {tilt:.0f} deg, more than tipped_deg '
+            return self._fail(Failure.TILT, f'tilted by {tilt:.0f} deg, more than tipped_deg '
                               f'{self._config.tipped_deg:g}', position)
-        reached = self._reach(position)
+        reached = self._reach(position, heading)
         if reached is not None:
             return reached
         if self._back is not None:
-            return self._go_back(position, heading)
+            return self._go_back(position)
         if tilt <= self._config.tilt_limit_deg:
             self._level_ns = self._now_ns
         elif self._now_ns - self._level_ns >= self._config.tilt_time_s * 1e9:
-            return self._recover(TILT, f'tilted by {tilt:.0f} deg', position)
+            return self._recover(Failure.TILT, f'tilted by {tilt:.0f} deg', position)
         if self._is_stuck():
-            return self._recover(STUCK, f'moved less than {self._config.stuck_distance_m:g} m in '
-                                 f'{self._config.stuck_time_s:g} s', position)
+            return self._recover(Failure.STUCK, f'moved less than {self._config.stuck_distance_m:g}'
+                                 f' m in {self._config.stuck_time_s:g} s', position)
         late = self._patience(position)
         if late is not None:
             return late
@@ -210,32 +269,54 @@ class Navigator:
 
     # What is missing
 
-    def _what_is_missing(self, pose_ns: int | None, position: ArrayLike, orientation: ArrayLike,
-                         grid: Traversability | None) -> str:
-        now, config = self._now_ns, self._config
+    def _missing_pose(self, pose_ns: int | None, position: ArrayLike,
+                      orientation: ArrayLike) -> str | None:
         if pose_ns is None:
             return 'no pose yet'
-        if now - pose_ns > config.pose_age_s * 1e9:
-            return f'no pose for {(now - pose_ns) * 1e-9:.1f} s'
+        age_s = (self._now_ns - pose_ns) * 1e-9
+        if age_s > self._config.pose_age_s:
+            return f'no pose for {age_s:.1f} s'
         if not (np.isfinite(np.asarray(position, float)).all()
                 and np.isfinite(np.asarray(orientation, float)).all()):
             return 'the pose is not finite'
+        return None
+
+    def _missing_depth(self, grid: Traversability | None) -> str | None:
         if grid is None:
             return 'no map yet'
-        if now - grid.stamp_ns > config.map_age_s * 1e9:
-            return f'no map for {(now - grid.stamp_ns) * 1e-9:.1f} s'
-        return ''
+        age_s = (self._now_ns - grid.stamp_ns) * 1e-9
+        return f'no depth for {age_s:.1f} s' if age_s > self._config.map_age_s else None
 
-    def _wait_for(self, missing: str) -> NavigatorCommand:
+    def _wait_for(self, missing: str, heading: float | None = None) -> NavigatorCommand:
+        """Stand; one that has turned into the dark turns back to where it saw something."""
         if self._missing_ns is None:
             self._missing_ns = self._now_ns
             self.notes.append(f'stands still: {missing}')
         self._history.clear()
         if self._now_ns - self._missing_ns > self._config.lost_s * 1e9:
-            return self._fail(LOST, missing, None)
-        return _still(WAITING, missing)
+            return self._fail(Failure.LOST, missing, None)
+        yaw_rate = 0.0
+        if heading is not None and self._seeing_heading is not None:
+            if self._look is not None:
+                self._end_look()
+            off = math.remainder(self._seeing_heading - heading, 2.0 * math.pi)
+            if abs(off) > _ALIGNED_RAD:
+                yaw_rate = math.copysign(self._config.max_yaw_rate_radps, off)
+        return NavigatorCommand(0.0, yaw_rate, Status.WAITING, missing)
 
     # Progress
+
+    def _note_place(self, position: Array) -> None:
+        """Take note of where it stands: that ground is known."""
+        at = position[:2].copy()
+        if self._position is None or np.linalg.norm(at - self._position) > _JUMP_M:
+            self._trail = [self._stood(at, max(self._config.plan.start_m, self._radius_m))]
+        elif math.hypot(at[0] - self._trail[-1].x_m, at[1] - self._trail[-1].y_m) > _TRAIL_M:
+            self._trail.append(self._stood(at, self._radius_m))
+        self._position = at
+
+    def _stood(self, at: Array, radius_m: float) -> Disc:
+        return Disc(float(at[0]), float(at[1]), radius_m, Ground.STOOD)
 
     def _note_motion(self, position: Array, heading: float) -> None:
         if self._history and self._now_ns - self._history[-1][0] < _CHECK_NS:
@@ -265,68 +346,96 @@ class Navigator:
         if left < self._recovered_m - _RECOVERED_M:
             self._recovered_m, self._recoveries = left, 0
         if self._now_ns - self._best_ns > self._config.patience_s * 1e9:
-            return self._fail(BLOCKED, f'not nearer than {self._best_m:.1f} m for '
+            return self._fail(Failure.BLOCKED, f'not nearer than {self._best_m:.1f} m for '
                               f'{self._config.patience_s:g} s', position)
         return None
 
-    def _reach(self, position: Array) -> NavigatorCommand | None:
+    def _reach(self, position: Array, heading: float) -> NavigatorCommand | None:
         last = len(self._goals) == 1
         limit = self._config.goal_tolerance_m if last else self._config.waypoint_tolerance_m
+        if self._turning_ns is not None:
+            limit *= 2.0        # turning moves it a little
         if float(np.linalg.norm(self._goals[0] - position[:2])) > limit:
+            self._turning_ns = None
             return None
         at = f'x {position[0]:.2f} m, y {position[1]:.2f} m'
         if last:
-            self._final = _still(ARRIVED, f'at {at}')
-            self.notes.append(f'arrived at {at}')
-            return self._final
+            return self._turn(heading) or self._arrive(at)
         self.notes.append(f'waypoint reached at {at}; {len(self._goals) - 1} to go')
         self._goals.pop(0)
         self.plan = None
         self._restart()
-        return _still(FOLLOWING, 'goes on to the next waypoint')
+        return _still(Status.FOLLOWING, 'goes on to the next waypoint')
 
-    def _fail(self, why: str, text: str, position: Array | None) -> NavigatorCommand:
+    def _turn(self, heading: float) -> NavigatorCommand | None:
+        """Turn to the final heading; return None where it is that, or cannot be had."""
+        if self._final_heading_rad is None:
+            return None
+        if self._turning_ns is None:
+            self._turning_ns = self._now_ns
+        off = math.remainder(self._final_heading_rad - heading, 2.0 * math.pi)
+        if abs(off) <= math.radians(self._config.goal_heading_deg):
+            return None
+        if self._now_ns - self._turning_ns > _TURN_FOR_S * 1e9:
+            self.notes.append(f'the final heading is missed by {math.degrees(off):.0f} deg')
+            return None
+        return NavigatorCommand(0.0, math.copysign(self._config.max_yaw_rate_radps, off),
+                                Status.TURNING, 'turns to the final heading')
+
+    def _arrive(self, at: str) -> NavigatorCommand:
+        self._final = _still(Status.ARRIVED, f'at {at}')
+        self.notes.append(f'arrived at {at}')
+        return self._final
+
+    def _fail(self, why: Failure, text: str, position: Array | None) -> NavigatorCommand:
         where = '' if position is None else f' at x {position[0]:.2f} m, y {position[1]:.2f} m'
-        self._final = _still(FAILED, f'{why}: {text}{where}')
+        self._final = NavigatorCommand(0.0, 0.0, Status.FAILED, f'{why.value}: {text}{where}', why)
         self.notes.append(f'gives up: {self._final.reason}')
         self.plan = None
         return self._final
 
     # Backing off
 
-    def _recover(self, why: str, text: str, position: Array) -> NavigatorCommand:
+    def _recover(self, why: Failure, text: str, position: Array) -> NavigatorCommand:
         self._recoveries += 1
         if self._recoveries > self._config.recoveries:
             return self._fail(why, f'{text}, and backed off {self._config.recoveries} times',
                               position)
-        self.notes.append(f'backs off: {text}')
+        self.backed_off += 1
         heading = self._heading
+        way = 0.0 if self._planner is None else self._planner.clear_back_m(
+            position, heading, self._config.back_off_m)
+        self.notes.append(f'backs off by {way:.2f} m: {text}')
         for ahead in (_BUMP_AHEAD_M, _BUMP_AHEAD_M + _BUMP_RADIUS_M):
             self._discs.append(Disc(float(position[0]) + ahead * math.cos(heading),
                                     float(position[1]) + ahead * math.sin(heading),
-                                    _BUMP_RADIUS_M, math.inf, self._now_ns + _REMEMBERED_NS))
-        self._back = self._now_ns, position.copy(), text
+                                    _BUMP_RADIUS_M, Ground.BUMP, self._now_ns + _REMEMBERED_NS))
         self._look = None
-        return NavigatorCommand(_BACK_MPS, 0.0, BACKING, text)
+        if way < _LEAST_BACK_M:
+            return self._plan_again()
+        self._back = self._now_ns, position.copy(), way, text
+        return NavigatorCommand(_BACK_MPS, 0.0, Status.BACKING, text)
 
-    def _go_back(self, position: Array, heading: float) -> NavigatorCommand:
+    def _go_back(self, position: Array) -> NavigatorCommand:
         assert self._back is not None
-        since, start, text = self._back
+        since, start, way, text = self._back
         gone = float(np.linalg.norm(position[:2] - start[:2]))
-        limit_s = 3.0 * self._config.back_off_m / -_BACK_MPS
-        if gone < self._config.back_off_m and self._now_ns - since < limit_s * 1e9:
-            return NavigatorCommand(_BACK_MPS, 0.0, BACKING, text)
+        if gone < way and self._now_ns - since < 3.0e9 * way / -_BACK_MPS:
+            return NavigatorCommand(_BACK_MPS, 0.0, Status.BACKING, text)
+        return self._plan_again()
+
+    def _plan_again(self) -> NavigatorCommand:
         self._back = self._planned_ns = self.plan = self._pursuit = None
         self._history.clear()
         self._level_ns = self._now_ns
-        return _still(FOLLOWING, 'plans again')
+        return _still(Status.FOLLOWING, 'plans again')
 
     # Looking
 
     def _begin_to_look(self, heading: float, what: Array | None, text: str) -> NavigatorCommand:
         self._look = self._now_ns, heading, what
         self._facing_ns = None
-        return _still(LOOKING, text)
+        return _still(Status.LOOKING, text)
 
     def _go_on_looking(self, position: Array, heading: float) -> NavigatorCommand:
         assert self._look is not None
@@ -335,18 +444,24 @@ class Navigator:
         if self._facing_ns is None:
             if abs(off) > _FACING_RAD and self._now_ns - since < _LOOK_FOR_S * 1e9:
                 return NavigatorCommand(
-                    0.0, math.copysign(self._config.max_yaw_rate_radps, off), LOOKING,
+                    0.0, math.copysign(self._config.max_yaw_rate_radps, off), Status.LOOKING,
                     'turns towards what it does not know')
             self._facing_ns = self._now_ns
         if self._now_ns - self._facing_ns < self._config.look_s * 1e9:
-            return _still(LOOKING, 'looks')
+            return _still(Status.LOOKING, 'looks')
+        self._end_look()
+        return _still(Status.LOOKING, 'looks')
+
+    def _end_look(self) -> None:
+        assert self._look is not None
+        _, wanted, what = self._look
         self._look = self._facing_ns = self._planned_ns = None
         self._history.clear()
         if what is not None:
-            # What is still unknown then is in shadow: go around it where possible, else through.
-            self._discs.append(Disc(float(what[0]), float(what[1]), _SHADOW_RADIUS_M,
-                                    _SHADOW_COST, self._now_ns + _REMEMBERED_NS))
-        return _still(LOOKING, 'looks')
+            # What is still unknown then is in shadow, or hidden.
+            x, y = what + _SHADOW_BEYOND_M * np.array([math.cos(wanted), math.sin(wanted)])
+            self._discs.append(Disc(float(x), float(y), _SHADOW_RADIUS_M, Ground.SHADOW,
+                                    self._now_ns + _REMEMBERED_NS))
 
     # Following
 
@@ -357,35 +472,58 @@ class Navigator:
             return failed
         plan, planner = self.plan, self._planner
         assert plan is not None and planner is not None and self._pursuit is not None
-        unknown_m, first = planner.unknown_along_m(
-            self._rest_of(plan, position), self._config.plan.blind_m, self._config.look_ahead_m)
-        if unknown_m > self._config.look_unknown_m and not self._has_looked_at(first):
+        dark_m, first = planner.dark_along_m(self._rest_of(plan, position), 0.0,
+                                             self._config.look_ahead_m)
+        near_m = float(np.linalg.norm(first - position[:2])) if dark_m else math.inf
+        if (dark_m > self._config.look_unknown_m or near_m < _CLOSE_M) \
+                and not self._has_looked_at(first):
             towards = first - position[:2]
             return self._begin_to_look(math.atan2(towards[1], towards[0]), first,
-                                       f'{unknown_m:.2f} m of the way ahead are unknown')
+                                       f'{dark_m:.2f} m of the way ahead are unknown')
         steering = self._steering(planner, position, heading)
-        if steering.done:
-            if plan.off_goal_m > 0.0 and not self._has_looked_at(self._goals[0]):
-                towards = self._goals[0] - position[:2]
-                return self._begin_to_look(math.atan2(towards[1], towards[0]), self._goals[0],
-                                           'the goal seems to lie on an obstacle')
-            if plan.off_goal_m > 0.0:
-                return self._fail(BLOCKED, f'the goal lies on an obstacle; the nearest place that '
-                                  f'can be reached is {plan.off_goal_m:.2f} m from it', position)
+        if steering is None:
             self._planned_ns = None
-            return _still(FOLLOWING, 'plans on')
-        return NavigatorCommand(steering.forward_mps, steering.yaw_rate_radps, FOLLOWING)
+            return _still(Status.FOLLOWING, 'no arc along the plan is clear')
+        if steering.done:
+            if plan.off_goal_m > 0.0:
+                return self._end_beside(planner, plan, position)
+            self._planned_ns = None
+            return _still(Status.FOLLOWING, 'plans on')
+        speed, yaw_rate = steering.forward_mps, steering.yaw_rate_radps
+        if near_m < _CLOSE_M and speed > self._config.creep_mps:
+            yaw_rate *= self._config.creep_mps / speed
+            speed = self._config.creep_mps
+        return NavigatorCommand(speed, yaw_rate, Status.FOLLOWING)
 
-    def _steering(self, planner: Planner, position: Array, heading: float) -> Steering:
-        """Return the steering with the longest lookahead that cuts no corner at an obstacle."""
+    def _end_beside(self, planner: Planner, plan: Plan, position: Array) -> NavigatorCommand:
+        """Look at a goal that cannot be stood on; give up if that is still so."""
+        goal = self._goals[0]
+        what = ('on an obstacle' if planner.is_blocked(goal)
+                else 'on ground that is not seen')
+        if not self._has_looked_at(goal):
+            towards = goal - position[:2]
+            return self._begin_to_look(math.atan2(towards[1], towards[0]), goal,
+                                       f'the goal seems to lie {what}')
+        return self._fail(Failure.BLOCKED, f'the goal lies {what}; the nearest place that can be '
+                          f'reached is {plan.off_goal_m:.2f} m from it', position)
+
+    def _steering(self, planner: Planner, position: Array, heading: float) -> Steering | None:
+        """Return the steering with the longest lookahead that cuts no corner at an obstacle.
+
+        Where no arc is clear it turns on the spot to the plan; None: it looks along it already.
+        """
         assert self._pursuit is not None
         for share in _LOOKAHEAD_SHARES:
             ahead = share * self._config.lookahead_m
             steering = self._pursuit.update(position, heading, ahead)
+            left = max(self._pursuit.route.length_m - steering.along_m, 0.0)
             if steering.forward_mps <= 0.0 or planner.is_clear(
-                    _arc(position, heading, steering, ahead)):
-                break
-        return steering
+                    _arc(position, heading, steering, min(ahead, left))):
+                return steering
+        if abs(steering.heading_error_rad) < _ALIGNED_RAD:
+            return None
+        return dataclasses.replace(steering, forward_mps=0.0, yaw_rate_radps=math.copysign(
+            self._config.max_yaw_rate_radps, steering.heading_error_rad))
 
     def _replan(self, position: Array, heading: float,
                 new_map: bool) -> NavigatorCommand | None:
@@ -397,8 +535,8 @@ class Navigator:
             return None
         if self._overview is None or self._overview.map_cell_m != self._grid.cell_m:
             self._overview = Overview(self._grid.cell_m, 1.0 + config.plan.unknown_cost)
-        planner = Planner(self._grid, config.plan, self._half_width_m, position[:2],
-                          tuple(self._discs), self._overview)
+        planner = Planner(self._grid, config.plan, self._radius_m, position[:2],
+                          (*self._trail, *self._discs), self._overview, config.creep)
         self._overview.add(self._grid.origin_m, planner.blocked, planner.unknown, planner.room_m)
         self._planner = planner
         old = math.inf
@@ -422,7 +560,7 @@ class Navigator:
 
     def _look_around(self, position: Array, heading: float) -> NavigatorCommand:
         if self._around >= _AROUND_TURNS:
-            return self._fail(BLOCKED, 'no way to the goal is seen, all around', position)
+            return self._fail(Failure.BLOCKED, 'no way to the goal is seen, all around', position)
         self._around += 1
         self.plan = self._pursuit = None
         return self._begin_to_look(heading + 2.0 * math.pi / _AROUND_TURNS, None,
@@ -439,8 +577,8 @@ class Navigator:
             if k + 1 < len(plan.points_m) else np.stack([position[:2], plan.points_m[-1]])
 
     def _has_looked_at(self, xy: Array) -> bool:
-        return any(math.isfinite(disc.cost)
-                   and math.hypot(disc.x_m - xy[0], disc.y_m - xy[1]) < 1.5 * disc.radius_m
+        return any(disc.ground is Ground.SHADOW
+                   and math.hypot(disc.x_m - xy[0], disc.y_m - xy[1]) < disc.radius_m
                    for disc in self._discs)
 
 
@@ -452,5 +590,5 @@ def _arc(position: Array, heading: float, steering: Steering, length_m: float) -
     return position[:2] + along[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def _still(status: str, reason: str) -> NavigatorCommand:
+def _still(status: Status, reason: str) -> NavigatorCommand:
     return NavigatorCommand(0.0, 0.0, status, reason)

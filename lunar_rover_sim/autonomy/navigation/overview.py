@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import label
 from skimage.graph import MCP_Geometric
 
 from lunar_rover_sim.base.frames import Array
@@ -100,6 +101,20 @@ class Overview:
         off = np.abs(cells - goal)
         free = off.max(axis=1) + (_DIAGONAL - 1.0) * off.min(axis=1)
         return (total[tuple((cells - low).T)] - free) * self.cell_m
+
+    def is_open(self, from_m: ArrayLike, to_m: ArrayLike) -> bool:
+        """Return whether a way leads from a place (2,) to another that crosses nothing closed."""
+        cells = [np.floor(np.asarray(xy, float)[::-1] / self.cell_m).astype(int)
+                 for xy in (from_m, to_m)]
+        # Around all that was seen all is open.
+        corners = [self._low, self._low + self._seen.shape, *cells]
+        low, high = np.min(corners, axis=0) - 1, np.max(corners, axis=0) + 2
+        is_open = np.ones(tuple(high - low), bool)
+        r, c = self._low - low
+        is_open[r:r + self._seen.shape[0], c:c + self._seen.shape[1]] = self._seen != _CLOSED
+        parts, _ = label(is_open, np.ones((3, 3)))
+        start, end = (parts[tuple(cell - low)] for cell in cells)
+        return bool(start == end != 0)
 
     def _to_goal(self, goal: NDArray[np.int64], cells: NDArray[np.int64]
                  ) -> tuple[NDArray[np.int64], Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
 import math
 
 import cv2
@@ -16,25 +17,30 @@ from lunar_rover_sim.autonomy.navigation.overview import Overview, WALL_COST
 from lunar_rover_sim.autonomy.navigation.traversability import LETHAL, Traversability, UNKNOWN
 from lunar_rover_sim.base.frames import Array, path_length
 
+_SHADOW_COST = 3.0      # of a shadow that the rover creeps over
 _ESCAPE = 20.0          # cost of ground that is too near to an obstacle while the rover leaves it
 _SMOOTH_CELLS = 2.5
-_SEARCH_M = 1.0         # a goal that cannot be reached is replaced by one this near to it
+_SEARCH_M = 1.0         # a goal on an obstacle is replaced by a place this near to it
+_BACK_STEP_M = 0.05
+
+
+class Ground(enum.Enum):
+    """What the rover knows of a disc of ground beyond the map."""
+
+    BUMP = 'bump'           # it bumped there, or tilted
+    SHADOW = 'shadow'       # it has looked at it; what is unknown of it stays unknown
+    STOOD = 'stood'         # it stands or has stood there: known, whatever its cameras see
 
 
 @dataclasses.dataclass(frozen=True)
 class Disc:
-    """Ground that the rover knows more of than the map: where it bumped, or saw nothing.
-
-    Attributes:
-        cost: Added to that of the ground in it; inf: it must not be crossed.
-        until_ns: When it is forgotten [ns].
-    """
+    """Ground that the rover knows more of than the map; until_ns [ns]: when it is forgotten."""
 
     x_m: float
     y_m: float
     radius_m: float
-    cost: float
-    until_ns: int
+    ground: Ground
+    until_ns: int = 1 << 62
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,54 +69,70 @@ class Plan:
 class Planner:
     """Finds ways over the costs of one map."""
 
-    def __init__(self, grid: Traversability, config: PlanConfig, half_width_m: float,
+    def __init__(self, grid: Traversability, config: PlanConfig, radius_m: float,
                  rover_xy_m: ArrayLike, discs: tuple[Disc, ...] = (),
-                 overview: Overview | None = None) -> None:
+                 overview: Overview | None = None, creep: bool = False) -> None:
         """Prepare the costs of a map.
 
         Args:
+            radius_m: Of the circle around the rover and its spokes.
             overview: What was seen beyond the map, and of what the map does not know; None: all
                 beyond the map is free.
+            creep: Whether shadows may be crossed.
+
+        Attributes:
+            room_m: What it needs to obstacles.
+            unknown: (n, n) cells that neither map nor rover knows.
+            dark: (n, n) cells in which too much under the rover would be unknown.
+            blocked: (n, n) cells in which it would touch an obstacle.
         """
-        self._overview = overview
+        self._overview, self._creep = overview, creep
         self._grid, self._rover = grid, np.asarray(rover_xy_m, float)[:2]
+        self.room_m = room = radius_m + config.margin_m
         self.unknown = grid.cost == UNKNOWN
-        self.unknown[self._within(self._rover, config.blind_m)] = False
         self.lethal = grid.cost >= LETHAL
+        for disc in discs:
+            if disc.ground is Ground.STOOD:
+                self.unknown[self._within((disc.x_m, disc.y_m), disc.radius_m)] = False
+            elif disc.ground is Ground.BUMP:
+                self.lethal[self._within((disc.x_m, disc.y_m), disc.radius_m)] = True
+        self.dark = self._share_around(self.unknown, radius_m) > config.unknown_share
         share = np.clip(np.arange(-128.0, 128.0), 0.0, 99.0) / 99.0
         cost = np.take(1.0 + config.rough_cost * share, grid.cost.astype(np.int16) + 128)
-        for disc in discs:
-            inside = self._within((disc.x_m, disc.y_m), disc.radius_m)
-            if math.isinf(disc.cost):
-                self.lethal[inside] = True
-            else:
-                cost[inside] += disc.cost
         free = (~self.lethal).astype(np.uint8)
         apart = cv2.distanceTransform(free, cv2.DIST_L2, 5) * np.float32(grid.cell_m)
         self._apart = apart
-        self.room_m = room = half_width_m + config.margin_m
         self.blocked = apart < room
         near = np.nonzero(apart < room + config.near_m)
         share = np.clip((room + config.near_m - apart[near]) / max(config.near_m, 1e-6), 0.0, 1.0)
         cost[near] += config.near_cost * share ** 2
-        cost[self.unknown] += config.unknown_cost
+        cost[self.dark] += config.unknown_cost
         if overview is not None:
             x, y = self._centre(np.arange(len(cost)), np.arange(len(cost)))
             cost[self.unknown & overview.closed_at(x, y)] += WALL_COST
+        shadow = np.zeros_like(self.dark)
+        for disc in discs:
+            if disc.ground is Ground.SHADOW:
+                shadow[self._within((disc.x_m, disc.y_m), disc.radius_m)] = True
+        shadow &= self.dark
+        if creep:
+            cost[shadow] += _SHADOW_COST
+            shadow[:] = False
         # The rover may stand where it would not go, and leaves it, but not over an obstacle.
         around = self._within(self._rover, room + 2.0 * grid.cell_m)
         cost[around] += _ESCAPE * self.blocked[around]
-        closed = self.blocked.copy()
-        closed[around] = self.lethal[around]
-        closed[self._within(self._rover, half_width_m)] = False
+        closed = self.blocked | shadow
+        closed[around] = self.lethal[around] | shadow[around]
+        closed[self._within(self._rover, 0.5 * radius_m)] = False
         cost[closed] = -1.0             # not to be crossed
         self._cost = cost
 
     def plan(self, goal_xy_m: ArrayLike) -> Plan | None:
         """Return the cheapest way to a goal; None if there is none, or the rover is off the map.
 
-        A goal beyond the map is approached at the edge from which way and straight rest cost
-        least. A goal on an obstacle is replaced by the nearest place that can be reached.
+        A goal beyond the map, or one that no way on the map leads to, is approached at the edge
+        from which way and rest cost least. A goal on an obstacle is replaced by the nearest place
+        that can be reached.
         """
         goal = np.asarray(goal_xy_m, float)[:2]
         start, end = self._cell(self._rover), self._cell(goal)
@@ -126,19 +148,23 @@ class Planner:
         rows, columns = np.mgrid[0:n, 0:n]
         x, y = self._centre(rows, columns)
         rest = np.hypot(x - goal[0], y - goal[1])
-        if self._inside(end):
-            near = np.where(np.isfinite(total) & (rest <= _SEARCH_M), rest, np.inf)
+        if self._inside(end) and self._cost[end] < 0.0:
+            # Where it may stand, or stands.
+            fits = ~self.blocked
+            fits[start] = True
+            near = np.where(np.isfinite(total) & fits & (rest <= _SEARCH_M), rest, np.inf)
             best = np.unravel_index(int(np.argmin(near)), near.shape)
-            if not math.isfinite(near[best]):
-                return None
-            found = self._made(search.traceback(best), None, goal)
-            return dataclasses.replace(found, off_goal_m=float(rest[best]))
+            if math.isfinite(near[best]):
+                found = self._made(search.traceback(best), None, goal)
+                return dataclasses.replace(found, off_goal_m=float(rest[best]))
         edge = np.full(total.shape, np.inf)
         for side in (np.s_[0, :], np.s_[-1, :], np.s_[:, 0], np.s_[:, -1]):
-            detour = self._detour_m(np.stack([x[side], y[side]], axis=-1), goal)
-            edge[side] = total[side] * self._grid.cell_m + rest[side] + detour
+            points = np.stack([x[side], y[side]], axis=-1)
+            edge[side] = total[side] * self._grid.cell_m + rest[side] + self._detour_m(points, goal)
         best = np.unravel_index(int(np.argmin(edge)), edge.shape)
-        if not math.isfinite(edge[best]):
+        if not math.isfinite(edge[best]) or self._inside(end) and (
+                self._overview is None or not self._overview.is_open(
+                    (x[best], y[best]), goal)):
             return None
         return self._made(search.traceback(best), None, goal)
 
@@ -154,21 +180,38 @@ class Planner:
         return float(np.sum(steps * cost)) + self._rest_m(points_m[-1], goal)
 
     def is_clear(self, points_m: Array) -> bool:
-        """Return whether a way (n, 2) keeps its distance from obstacles, as its start does."""
+        """Return whether the rover fits on a way (n, 2) over known ground, or as at its start."""
         apart = self._at(self._apart, points_m, np.inf)
-        return bool(apart.min() >= min(self.room_m, apart[0]))
+        dark = self._at(self.dark, points_m, True)
+        return bool(apart.min() >= min(self.room_m - 0.5 * self._grid.cell_m, apart[0])
+                    and (self._creep or dark[0] or not dark.any()))
 
-    def unknown_along_m(self, points_m: Array, from_m: float, to_m: float) -> tuple[float, Array]:
-        """Return how much of a part of a way is unknown [m], and where that begins (2,) [m]."""
+    def is_blocked(self, xy_m: ArrayLike) -> bool:
+        """Return whether the rover would touch an obstacle at a place (2,)."""
+        return bool(self._at(self.blocked, np.asarray(xy_m, float)[None, :2], False)[0])
+
+    def clear_back_m(self, position_m: ArrayLike, heading_rad: float, wanted_m: float) -> float:
+        """Return how far the rover may back off, at most as far as wanted [m]."""
+        position = np.asarray(position_m, float)[:2]
+        steps = np.arange(0.0, wanted_m + 0.5 * _BACK_STEP_M, _BACK_STEP_M)
+        points = position - steps[:, None] * [math.cos(heading_rad), math.sin(heading_rad)]
+        apart = self._at(self._apart, points, 0.0)
+        # It may leave what it is too near to, never come nearer.
+        bad = (apart < np.minimum(self.room_m, apart[0])) | self._at(self.dark, points, True)
+        bad[0] = False
+        return float(steps[int(np.argmax(bad)) - 1] if bad.any() else wanted_m)
+
+    def dark_along_m(self, points_m: Array, from_m: float, to_m: float) -> tuple[float, Array]:
+        """Return how much of a part of a way is dark [m], and where that begins (2,) [m]."""
         steps = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
         along = np.concatenate([[0.0], np.cumsum(steps)])
         if along[-1] <= from_m:
             return 0.0, points_m[-1]
         at = np.arange(from_m, min(to_m, along[-1]), 0.5 * self._grid.cell_m)
         points = np.stack([np.interp(at, along, points_m[:, k]) for k in (0, 1)], axis=-1)
-        unknown = self._at(self.unknown, points, False)
-        first = points[int(np.argmax(unknown))] if unknown.any() else points_m[-1]
-        return 0.5 * self._grid.cell_m * float(np.count_nonzero(unknown)), first
+        dark = self._at(self.dark, points, False)
+        first = points[int(np.argmax(dark))] if dark.any() else points_m[-1]
+        return 0.5 * self._grid.cell_m * float(np.count_nonzero(dark)), first
 
     def _made(self, cells: list[tuple[int, int]], end_m: Array | None, goal: Array) -> Plan:
         rows, columns = np.array(cells).T
@@ -196,6 +239,14 @@ class Planner:
         """Return what ways from (n, 2) to a goal beyond the map cost more than straight ones."""
         return (np.zeros(len(points_m)) if self._overview is None
                 else self._overview.detour_m(points_m, goal))
+
+    def _share_around(self, cells: NDArray[np.bool_], radius_m: float) -> NDArray[np.float32]:
+        """Return of which share of a circle around each cell holds what is true."""
+        k = max(1, math.ceil(radius_m / self._grid.cell_m))
+        off = np.arange(-k, k + 1) * self._grid.cell_m
+        circle = (np.hypot(off[:, None], off) <= radius_m).astype(np.float32)
+        return np.asarray(cv2.filter2D(cells.astype(np.float32), -1, circle / circle.sum(),
+                                       borderType=cv2.BORDER_REPLICATE), np.float32)
 
     def _cell(self, xy_m: ArrayLike) -> tuple[int, int]:
         column, row = np.floor((np.asarray(xy_m, float) - self._grid.origin_m)

@@ -6,7 +6,7 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lunar_rover_sim.autonomy.navigation.config import TraversabilityConfig
 from lunar_rover_sim.autonomy.navigation.elevation_map import Elevation
@@ -20,6 +20,7 @@ _SPOKE_SHARE = 0.6          # of a spoke that a leg climbs
 _ROUGH_SHARE = 0.4          # of the greatest step that a plane under the rover may vary by
 _LENGTHS = 1.5              # of the chassis: the plane on which the rover stands
 _LEAST_SHARE = 0.4          # of that plane's cells that must be known
+_HIDDEN_M = 0.6             # of unknown ground behind what is too steep, that counts as it
 _EXPONENT = 2               # cost grows with the square: ground far below the limits is free
 
 
@@ -32,14 +33,14 @@ class Limits:
         slope: Greatest slope, as a tangent.
         roughness_m: Greatest RMS of heights about the plane on which it stands.
         window_m: Side of that plane.
-        half_width_m: From its middle to the outside of its legs.
+        radius_m: Of the circle around its body and its spokes: it turns on the spot.
     """
 
     step_m: float
     slope: float
     roughness_m: float
     window_m: float
-    half_width_m: float
+    radius_m: float
 
     @classmethod
     def of(cls, rover: RoverDescription, config: TraversabilityConfig) -> Limits:
@@ -47,11 +48,14 @@ class Limits:
         legs, chassis = rover.legs, rover.chassis
         step = config.max_step_m or min(belly_clearance_m(rover),
                                         _SPOKE_SHARE * legs.spoke_length_m)
-        wide = max(abs(leg.position_m[1]) for leg in legs.each.values()) + legs.tip_radius_m
+        reach = legs.spoke_length_m + legs.tip_radius_m
+        radius = max(math.hypot(abs(leg.position_m[0]) + reach,
+                                abs(leg.position_m[1]) + legs.tip_radius_m)
+                     for leg in legs.each.values())
         return cls(step, math.tan(math.radians(config.max_slope_deg)),
                    config.max_roughness_m or _ROUGH_SHARE * step,
                    config.window_m or _LENGTHS * chassis.length_m,
-                   max(wide, 0.5 * chassis.width_m))
+                   max(radius, 0.5 * math.hypot(chassis.length_m, chassis.width_m)))
 
 
 def belly_clearance_m(rover: RoverDescription) -> float:
@@ -82,13 +86,16 @@ class Traversability:
     cost: NDArray[np.int8]
 
 
-def traversability(elevation: Elevation, limits: Limits, fill_cells: int = 2) -> Traversability:
+def traversability(elevation: Elevation, limits: Limits, fill_cells: int = 2,
+                   eye_m: ArrayLike | None = None) -> Traversability:
     """Return the cost of each cell of a map.
 
     The cost is 99 times the square of what comes nearest to its limit: the step (the height over
     the plane of the surroundings, or the relief from cell to cell beyond the slope), the slope and
     the roughness of that plane, which never forbids a cell by itself. Heights count less what
-    their errors may make of them.
+    their errors may make of them. Unknown ground that lies right behind what is too steep, seen
+    from the rover at eye_m (2,), is as steep: the far side of a rock, of which only the near one is
+    seen.
     """
     grid = np.full(elevation.height_m.shape, UNKNOWN, np.int8)
     cell = elevation.cell_m
@@ -100,6 +107,9 @@ def traversability(elevation: Elevation, limits: Limits, fill_cells: int = 2) ->
         half = max(1, round(0.5 * limits.window_m / cell))
         _write_costs(heights, error, cell, half, limits.step_m, limits.slope, limits.roughness_m,
                      grid[part])
+        if eye_m is not None:
+            eye = (np.asarray(eye_m, float)[:2] - elevation.origin_m) / cell - 0.5
+            grid = _with_hidden(grid, float(eye[1]), float(eye[0]), _HIDDEN_M / cell)
     return Traversability(elevation.stamp_ns, elevation.origin_m, cell, grid)
 
 
@@ -112,6 +122,28 @@ def _known_part(elevation: Elevation, margin: int) -> tuple[slice, slice]:
         parts.append(slice(max(int(found[0]) - margin, 0), int(found[-1]) + 1 + margin)
                      if len(found) else slice(0, 0))
     return parts[0], parts[1]
+
+
+@compiled
+def _with_hidden(grid, eye_row, eye_column, reach):
+    """Return costs where unknown cells behind lethal ones are lethal, up to a reach in cells."""
+    found = grid.copy()
+    rows, columns = grid.shape
+    for r in range(rows):
+        for c in range(columns):
+            if grid[r, c] != UNKNOWN:
+                continue
+            distance = math.hypot(r - eye_row, c - eye_column)
+            for k in range(1, int(min(reach, distance)) + 1):
+                i = int(round(r + k * (eye_row - r) / distance))
+                j = int(round(c + k * (eye_column - c) / distance))
+                if not (0 <= i < rows and 0 <= j < columns):
+                    break
+                if grid[i, j] != UNKNOWN:
+                    if grid[i, j] == LETHAL:
+                        found[r, c] = LETHAL
+                    break
+    return found
 
 
 @compiled

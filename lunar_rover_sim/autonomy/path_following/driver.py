@@ -5,6 +5,7 @@ from __future__ import annotations
 import bisect
 from collections import deque
 import dataclasses
+import enum
 import math
 
 import numpy as np
@@ -122,6 +123,15 @@ _HISTORY_NS = 100_000_000   # progress is checked ten times per second
 _METRES_PER_RADIAN = 0.3    # weight of progress in heading, for turns in place
 
 
+class Stop(enum.Enum):
+    """Why the driver stops."""
+
+    LOST = 'lost'
+    TILTED = 'tilted'
+    OUTSIDE = 'outside'
+    STUCK = 'stuck'
+
+
 @dataclasses.dataclass(frozen=True)
 class DriveCommand:
     """The commanded velocity and the status of the drive.
@@ -129,12 +139,14 @@ class DriveCommand:
     Attributes:
         status: One of waiting, driving, done, stopped.
         reason: One line, '' when driving.
+        cause: Why it has stopped; None: it has not.
     """
 
     forward_mps: float
     yaw_rate_radps: float
     status: str
     reason: str = ''
+    cause: Stop | None = None
 
 
 class Driver:
@@ -191,14 +203,14 @@ class Driver:
         if config.mode == 'none':
             return None
         if not (np.all(np.isfinite(position)) and np.all(np.isfinite(rotation))):
-            return _stopped('the pose is not finite')
+            return _stopped(Stop.LOST, 'the pose is not finite')
         tilt = float(tilt_deg(rotation))
         if tilt > config.tilt_limit_deg:
-            return _stopped(f'tilted by {tilt:.1f} deg at {_at(position)}, more than'
+            return _stopped(Stop.TILTED, f'tilted by {tilt:.1f} deg at {_at(position)}, more than'
                             f' tilt_limit_deg {config.tilt_limit_deg:g}')
         if np.max(np.abs(position[:2])) > self._half_extent_m - config.border_m:
-            return _stopped(f'out of the world at {_at(position)}: nearer than border_m'
-                            f' {config.border_m:g} to its edge at {self._half_extent_m:g} m')
+            return _stopped(Stop.OUTSIDE, f'out of the world at {_at(position)}: nearer than '
+                            f'border_m {config.border_m:g} to its edge at {self._half_extent_m:g} m')
         return None
 
     def _drive(self, stamp_ns: int, position: np.ndarray, heading: float) -> DriveCommand:
@@ -229,7 +241,7 @@ class Driver:
         if self._check_is_due(stamp_ns) and self._record(stamp_ns, progress):
             gain = self._history[-1][1] - min(p for _, p in self._history)
             if gain < config.stuck_distance_m:
-                return _stopped(f'stuck at {_at(position)}: {gain:.3f} m of progress in'
+                return _stopped(Stop.STUCK, f'stuck at {_at(position)}: {gain:.3f} m of progress in'
                                 f' {config.stuck_time_s:g} s')
         return DriveCommand(steering.forward_mps, steering.yaw_rate_radps, DRIVING)
 
@@ -251,7 +263,7 @@ class Driver:
             moved = max(math.hypot(x - px, y - py) + _METRES_PER_RADIAN * abs(angle - a)
                         for _, (px, py, a) in self._history)
             if moved < min(config.stuck_distance_m, 0.3 * commanded):
-                return _stopped(f'stuck at {_at(position)}: moved {moved:.3f} m in'
+                return _stopped(Stop.STUCK, f'stuck at {_at(position)}: moved {moved:.3f} m in'
                                 f' {config.stuck_time_s:g} s')
         return None
 
@@ -289,8 +301,8 @@ def _check_waypoints(config: DriveConfig, half_extent_m: float) -> None:
                     f'{config.border_m:g} m')
 
 
-def _stopped(reason: str) -> DriveCommand:
-    return DriveCommand(0.0, 0.0, STOPPED, reason)
+def _stopped(cause: Stop, reason: str) -> DriveCommand:
+    return DriveCommand(0.0, 0.0, STOPPED, reason, cause)
 
 
 def _at(position: np.ndarray) -> str:

@@ -31,6 +31,10 @@ from lunar_rover_sim.run.scenario import Scenario
 _TRIALS = 200           # of a goal, before a world counts as too rough
 _MARGIN_M = 3.0
 _LEAST_ERROR_M = 1e-2     # of an estimate, in the picture
+_TILTED_DEG = 45.0
+_CONTACTS: dict[str, Callable[[GoalDrive], int]] = {
+    'body on rock': lambda d: d.belly_contacts, 'body on ground': lambda d: d.belly_ground,
+    'spoke on rock': lambda d: d.spoke_contacts}
 
 
 class Case(NamedTuple):
@@ -81,7 +85,7 @@ def goal_of(scenario: Scenario, world: World, distance_m: float) -> tuple[float,
     elevation = TrueSurface(world).elevation(
         (x, y), 2.0 * math.ceil(distance_m + _MARGIN_M - 1.0),
         scenario.mapping_node.map.cell_m, samples=1)
-    planner = Planner(traversability(elevation, limits), node.plan, limits.half_width_m, (x, y))
+    planner = Planner(traversability(elevation, limits), node.plan, limits.radius_m, (x, y))
     rng = np.random.default_rng([scenario.shared.seed, 48])
     for _ in range(_TRIALS):
         angle = rng.uniform(-math.pi, math.pi)
@@ -166,8 +170,9 @@ def report_text(drives: dict[Case, GoalDrive], distance_m: float) -> str:
             scenario, '–' if driver != SEEN else f'{sun:g}', driver, pose, str(len(each)),
             f'{100 * share.value:.0f} [{100 * share.low:.0f}, {100 * share.high:.0f}]',
             _mean([d.way_m / d.shortest_m for d in arrived], 2),
-            _mean([float(d.belly_contacts) for d in each], 1),
+            *(_mean([float(count(d)) for d in each], 1) for count in _CONTACTS.values()),
             str(sum(d.belly_high > 0 for d in each)),
+            str(sum(d.tilt_max_deg > _TILTED_DEG for d in each)),
             str(sum(d.outcome == TIPPED for d in each)),
             _mean([float(d.backed_off) for d in each], 1),
             _mean([d.time_s for d in arrived], 0),
@@ -177,11 +182,12 @@ def report_text(drives: dict[Case, GoalDrive], distance_m: float) -> str:
             ', '.join(f'{sum(d.outcome == end for d in each)} {end}' for end in ends) or '–'))
     lines = [f'# Navigation: goals at {distance_m:g} m', '',
              'Arrived: within the tolerance of the true goal. Way: over that of the plan on the '
-             'true map, of those that arrived. Belly: times that the chassis met a rock; high: '
-             'drives in which it met one that rises by more than its clearance. Intervals: '
-             '95 %.', '',
+             'true map, of those that arrived. Contacts a drive: of the body with rocks and with '
+             'the ground, of the sides of spokes with rocks; high: drives in which the body met a '
+             f'rock that rises by more than its clearance; tilted: drives above {_TILTED_DEG:g}°. '
+             'Intervals: 95 %.', '',
              *markdown_table(('scenario', 'sun [°]', 'driver', 'pose', 'n', 'arrived [%]', 'way',
-                              'belly', 'high', 'tipped', 'backed off', 'time [s]', 'energy [J/m]',
+                              *_CONTACTS, 'high', 'tilted', 'tipped', 'backed off', 'time [s]', 'energy [J/m]',
                               'pose error [m]', 'from the goal [m]', 'others'), rows), '']
     comparisons = _comparisons(groups)
     if comparisons:

@@ -17,7 +17,7 @@ import numpy as np
 
 from lunar_rover_sim.autonomy.navigation.config import MapConfig, TRUTH
 from lunar_rover_sim.autonomy.navigation.elevation_map import ElevationMap
-from lunar_rover_sim.autonomy.navigation.navigator import ARRIVED, FAILED, Navigator, TILT
+from lunar_rover_sim.autonomy.navigation.navigator import Failure, Navigator, Status
 from lunar_rover_sim.autonomy.navigation.planner import Planner
 from lunar_rover_sim.autonomy.navigation.traversability import (belly_clearance_m, Limits,
                                                                 traversability, Traversability)
@@ -30,13 +30,14 @@ from lunar_rover_sim.image.stereo.seen_depth import SeenDepth
 from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
 from lunar_rover_sim.judge.studies.navigation_poses import poses_of
 from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S
-from lunar_rover_sim.rover.mjcf import CHASSIS_GEOM
+from lunar_rover_sim.rover.mjcf import BASE_BODY
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.physics.state import RoverState, TipOver
 from lunar_rover_sim.run.scenario import Scenario
 
 SEEN, KNOWN, BLIND = 'seen', 'known', 'blind'   # drives by what it sees, by the true map, by none
 DRIVERS = (SEEN, KNOWN, BLIND)
+ARRIVED = Status.ARRIVED.value
 ARRIVED_WRONG = 'arrived elsewhere'     # by its estimate it has arrived, in truth it has not
 TIME_OVER, TIPPED = 'time over', 'tipped over'
 
@@ -60,8 +61,10 @@ class GoalDrive:
         shortest_m: Of the plan over the true map from the start; NaN where there is none.
         goal_error_m: True distance to the goal at the end.
         pose_error_m: Distance of the estimated from the true position at the end.
-        belly_contacts: Times that the chassis has met a rock.
-        belly_high: Times that it has met one that rises by more than its clearance.
+        belly_contacts: Times that body or mast have met a rock.
+        belly_high: Times that they have met one that rises by more than their clearance.
+        belly_ground: Times that they have met the ground.
+        spoke_contacts: Times that the side of a spoke has met a rock.
         backed_off: Times that it has backed off.
         energy_j: Drawn from the supply.
         tilt_max_deg: Greatest tilt.
@@ -80,6 +83,8 @@ class GoalDrive:
     pose_error_m: float
     belly_contacts: int
     belly_high: int
+    belly_ground: int
+    spoke_contacts: int
     backed_off: int
     energy_j: float
     tilt_max_deg: float
@@ -91,35 +96,43 @@ class GoalDrive:
         return self.outcome == ARRIVED
 
 
-class BellyContacts:
-    """Counts how often the chassis meets rocks.
+class Contacts:
+    """Counts how often body and spokes meet rocks and ground; tips are not counted: they walk.
 
     Attributes:
-        count: Of all rocks.
-        high: Of rocks that rise over the ground around them by more than the clearance.
+        rocks: Of the body with rocks.
+        high: Of the body with rocks that rise over the ground by more than the clearance.
+        ground: Of the body with the ground.
+        spokes: Of the sides of spokes with rocks.
     """
 
     def __init__(self, simulation: Simulation, ground: HeightGrid, clearance_m: float) -> None:
         model = simulation.model
         self._model, self._data = model, simulation.data
         self._ground, self._clearance_m = ground, clearance_m
-        self._chassis = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, CHASSIS_GEOM)
+        base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
+        self._is_body = model.geom_bodyid == base
         self._is_rock = model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
-        self._last_s: dict[bool, float] = {}
-        self.count = self.high = 0
+        self._is_ground = model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD
+        self._is_rod = np.array(['_rod_' in model.geom(k).name for k in range(model.ngeom)])
+        self._last_s: dict[str, float] = {}
+        self.rocks = self.high = self.ground = self.spokes = 0
 
     def add(self, time_s: float) -> None:
         """Look at the present contacts."""
         geoms = self._data.contact.geom
         if not len(geoms):
             return
-        of_chassis = geoms[(geoms == self._chassis).any(axis=1)]
-        rocks = np.unique(of_chassis[self._is_rock[of_chassis]])
-        if not len(rocks):
-            return
-        self.count += self._is_new(False, time_s)
-        if any(self.rise_m(int(rock)) > self._clearance_m for rock in rocks):
-            self.high += self._is_new(True, time_s)
+        of_body = geoms[self._is_body[geoms].any(axis=1)]
+        rocks = np.unique(of_body[self._is_rock[of_body]])
+        met = {'rocks': len(rocks) > 0, 'ground': bool(self._is_ground[of_body].any()),
+               'high': any(self.rise_m(int(rock)) > self._clearance_m for rock in rocks),
+               'spokes': bool((self._is_rod[geoms].any(axis=1)
+                               & self._is_rock[geoms].any(axis=1)).any())}
+        for kind in (kind for kind, is_met in met.items() if is_met):
+            if time_s - self._last_s.get(kind, -math.inf) > _CLOSE_S:
+                setattr(self, kind, getattr(self, kind) + 1)
+            self._last_s[kind] = time_s
 
     def rise_m(self, rock: int) -> float:
         """Return how far the top of a rock, a geom, is above the ground at its middle [m]."""
@@ -129,10 +142,6 @@ class BellyContacts:
         place = self._data.geom_xpos[rock]
         top = place[2] + float((vertices @ self._data.geom_xmat[rock][6:]).max())
         return top - float(self._ground.height_at(place[None, :2])[0])
-
-    def _is_new(self, high: bool, time_s: float) -> bool:
-        last, self._last_s[high] = self._last_s.get(high, -math.inf), time_s
-        return time_s - last > _CLOSE_S
 
 
 def start_of(scenario: Scenario) -> tuple[float, float]:
@@ -169,7 +178,7 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
                               goal_y_m=goal_m[1], waypoints_x_m=(), waypoints_y_m=())
     truth = true_costs(scenario, world, goal_m)
     truth = dataclasses.replace(truth, stamp_ns=round(limit_s * 1e9))   # it never grows old
-    shortest = Planner(truth, nav.plan, limits.half_width_m, start_of(scenario)).plan(goal_m)
+    shortest = Planner(truth, nav.plan, limits.radius_m, start_of(scenario)).plan(goal_m)
     with ExitStack() as owned:
         simulation = owned.enter_context(
             Simulation(world, scenario.rover, scenario.physics_node))
@@ -177,15 +186,15 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
         steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
         state = simulation.state
         poses = owned.enter_context(poses_of(pose, scenario, world, simulation, noise_seed))
-        belly = BellyContacts(simulation, world.ground, belly_clearance_m(scenario.rover))
+        contacts = Contacts(simulation, world.ground, belly_clearance_m(scenario.rover))
         tip = TipOver()
-        navigator = Navigator(nav, limits.half_width_m, world.ground.half_extent_m)
+        navigator = Navigator(nav, limits.radius_m, world.ground.half_extent_m)
         eyes = Eyes(scenario, world, noise_seed, pose) if driver == SEEN else None
         straight = Driver(dataclasses.replace(
             scenario.drive_node, mode='waypoints', shape='none', relative=False, laps=1,
             waypoints_x_m=(goal_m[0],), waypoints_y_m=(goal_m[1],),
             goal_tolerance_m=nav.goal_tolerance_m), world.ground.half_extent_m)
-        outcome, path, energy, tilt, backed_off, velocity = TIME_OVER, [], 0.0, 0.0, 0, (0.0, 0.0)
+        outcome, path, energy, tilt, velocity = TIME_OVER, [], 0.0, 0.0, (0.0, 0.0)
         try:
             for k in range(round(limit_s / STATE_PERIOD_S)):
                 if k % _COMMAND_PERIODS == 0:
@@ -196,20 +205,20 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
                         told = straight.update(state.stamp_ns, position, quaternion)
                         velocity = told.forward_mps, told.yaw_rate_radps
                         if told.status in (DONE, STOPPED):
-                            outcome = ARRIVED if told.status == DONE else told.reason.split()[0]
+                            outcome = ARRIVED if told.cause is None else told.cause.value
                             break
                     else:
                         grid = truth if eyes is None else \
                             eyes.grid(state, poses.present(state))
                         command = navigator.update(state.stamp_ns, pose_ns, position,
-                                                   quaternion, grid)
+                                                   quaternion, grid, poses.tilt_deg)
                         velocity = command.forward_mps, command.yaw_rate_radps
-                        backed_off += sum(n.startswith('backs off') for n in navigator.notes)
                         if watch is not None:
                             watch(state, grid, navigator)
                         navigator.notes.clear()
-                        if command.status in (ARRIVED, FAILED):
-                            outcome = command.failure or ARRIVED
+                        if command.status.is_end:
+                            outcome = (ARRIVED if command.failure is None
+                                       else command.failure.value)
                             break
                     if k % 40 == 0:
                         path.append(state.position_m[:2])
@@ -219,7 +228,7 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
                 simulation.command(legs.velocity_radps)
                 state = simulation.advance(steps)
                 poses.add(state)
-                belly.add(state.stamp_ns * 1e-9)
+                contacts.add(state.stamp_ns * 1e-9)
                 energy += STATE_PERIOD_S * scenario.rover.motor.drawn_w(
                     state.motor_torque_nm, state.joint_velocity_radps)
                 if tip.has_begun(state.orientation_wxyz):
@@ -231,14 +240,14 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
         off = float(np.linalg.norm(state.position_m[:2] - goal_m))
         if outcome == ARRIVED and off > nav.goal_tolerance_m + GOAL_SLACK_M:
             outcome = ARRIVED_WRONG
-        if outcome == TILT and tip.lies:
+        if outcome == Failure.TILT.value and tip.lies:
             outcome = TIPPED
         return GoalDrive(
             scenario.shared.seed, driver, pose, goal_m, outcome, state.stamp_ns * 1e-9,
             path_length(np.array(path)) if len(path) > 1 else 0.0,
             shortest.length_m if shortest is not None and shortest.reaches_goal else math.nan,
-            off, poses.error_m, belly.count, belly.high,
-            backed_off, energy, tilt, np.array(path).reshape(-1, 2))
+            off, poses.error_m, contacts.rocks, contacts.high, contacts.ground,
+            contacts.spokes, navigator.backed_off, energy, tilt, np.array(path).reshape(-1, 2))
 
 
 class Eyes:
@@ -254,7 +263,7 @@ class Eyes:
         self.map = ElevationMap(config.map.by_pose(pose))
         self._limits = Limits.of(scenario.rover, config.limits)
         self._fill = config.limits.fill_cells
-        self._made: deque[Traversability] = deque()
+        self._made: deque[tuple[int, Traversability]] = deque()
         self._newest: Traversability | None = None
         self._next_ns = 0
 
@@ -267,7 +276,10 @@ class Eyes:
                                         state.position_m), self._config.max_range_m)
             self.map.add_depth(now, depth, self._seen.K, self._baseline_m,
                                T_estimate @ self._seen.T_base_camera, T_estimate[:3, 3])
-            self._made.append(traversability(self.map.elevation(), self._limits, self._fill))
-        while self._made and now - self._made[0].stamp_ns >= MAP_LAG_S * 1e9:
-            self._newest = self._made.popleft()
+            if self.map.has_seen:
+                made = traversability(self.map.elevation(), self._limits, self._fill,
+                                      T_estimate[:2, 3])
+                self._made.append((now, made))
+        while self._made and now - self._made[0][0] >= MAP_LAG_S * 1e9:
+            self._newest = self._made.popleft()[1]
         return self._newest

@@ -13,7 +13,7 @@ from lunar_rover_sim.autonomy.navigation.config import SLAM, TRUTH, WHEELS
 from lunar_rover_sim.autonomy.navigation.poses import AnchoredPoses, LevelledWheels
 from lunar_rover_sim.base.closing import Closing
 from lunar_rover_sim.base.errors import SlamError
-from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, se3
+from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, se3, tilt_deg
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.camera.encoding import eight_bits
 from lunar_rover_sim.image.stereo.points import grey
@@ -37,10 +37,11 @@ class Poses(Closing):
 
     Attributes:
         error_m: Distance of the last estimated position from the true one then.
+        tilt_deg: By the IMU; of truth and drift the true one.
     """
 
     def __init__(self, state: RoverState) -> None:
-        self.error_m = 0.0
+        self.error_m, self.tilt_deg = 0.0, float(tilt_deg(state.orientation_wxyz))
         self._newest: tuple[int, Array] | None = state.stamp_ns, state.T_world_base
 
     def close(self) -> None:
@@ -62,6 +63,7 @@ class Poses(Closing):
 
     def _take(self, state: RoverState, T_world_base: Array) -> None:
         self._newest = state.stamp_ns, T_world_base
+        self.tilt_deg = float(tilt_deg(T_world_base[:3, :3]))
         self.error_m = float(np.linalg.norm(T_world_base[:2, 3] - state.position_m[:2]))
 
 
@@ -154,6 +156,7 @@ class Slam(Poses):
     def add(self, state: RoverState) -> None:
         """Take in the next state; where a frame is due, have it tracked."""
         self._wheels.add(state)
+        self.tilt_deg = self._wheels.tilt_deg
         if self.problem or state.stamp_ns % self._frame_ns:
             return
         frame = self._renderer.render(state, state.stamp_ns // self._frame_ns, ('left', 'right'))
@@ -172,6 +175,7 @@ class Slam(Poses):
         T = self._anchored.base(se3(matrix_from_wxyz(pose.wxyz), pose.position_m), rolled,
                                 state.T_world_base)
         self._take(state, T)
+        self.tilt_deg = self._wheels.tilt_deg
         self._ready.append((state.stamp_ns, T))
 
     def newest(self, now_ns: int) -> tuple[int, Array] | None:

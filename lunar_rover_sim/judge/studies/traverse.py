@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import uniform_filter1d
 
 from lunar_rover_sim.autonomy.path_following.config import DriveConfig
-from lunar_rover_sim.autonomy.path_following.driver import DONE, Driver, STOPPED
+from lunar_rover_sim.autonomy.path_following.driver import DONE, Driver, Stop
 from lunar_rover_sim.base.errors import PhysicsError, StudyError
 from lunar_rover_sim.base.frames import Array, path_length, tilt_deg
 from lunar_rover_sim.ground.world.cache import cached
@@ -221,9 +221,9 @@ class TraverseDrive:
                     if command.status == DONE:
                         self._reached += 1
                         self._go_on()
-                    elif command.status == STOPPED and command.reason.startswith('tilted'):
+                    elif command.cause is Stop.TILTED:
                         tilted_since = k
-                    elif command.status == STOPPED:
+                    elif command.cause is not None:
                         self._stuck += 1
                         back_up, velocity = self._back_up_periods, (BACK_UP_MPS, 0.0)
                     else:

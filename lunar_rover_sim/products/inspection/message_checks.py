@@ -84,8 +84,8 @@ def counts(rover: RoverData, report: CheckReport) -> None:
                 if len(t.stamps_ns) != 1 and t.topic is not topics.TF_STATIC
                 # Sent again to every new reader.
                 and not (t.topic is topics.GROUND_SNAPSHOT and t.stamps_ns)
-                # A dated sun moves.
-                and not (t.topic is topics.SUN and (np.diff(t.stamps_ns) > 0).all())]
+                # A dated sun moves, a navigator goes on.
+                and not (t.topic in topics.CHANGING and (np.diff(t.stamps_ns) > 0).all())]
     report.verdict('latched', problems, f'{len(rover.of_rate(LATCHED))} topics, once each')
 
 

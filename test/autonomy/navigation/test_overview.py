@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.autonomy.navigation.config import NavigatorConfig, PlanConfig
-from lunar_rover_sim.autonomy.navigation.navigator import ARRIVED, FAILED, Navigator
+from lunar_rover_sim.autonomy.navigation.navigator import Navigator, Status
 from lunar_rover_sim.autonomy.navigation.overview import Overview, WALL_COST
 from lunar_rover_sim.autonomy.navigation.planner import Planner
 from lunar_rover_sim.autonomy.navigation.traversability import Traversability
@@ -112,12 +112,12 @@ def test_a_bay_is_left_and_not_entered_again():
             grid = Traversability(now, np.array([column, row]) * CELL - half, CELL,
                                   np.where(known[part], world[part], -1).astype(np.int8))
         command = navigator.update(now, now, (x, y, 0.0), wxyz_from_rpy(0.0, 0.0, yaw), grid)
-        if command.status in (ARRIVED, FAILED):
+        if command.status.is_end:
             break
         yaw += 0.1 * command.yaw_rate_radps
         x += 0.1 * command.forward_mps * np.cos(yaw)
         y += 0.1 * command.forward_mps * np.sin(yaw)
         way += 0.1 * abs(command.forward_mps)
-    assert command.status == ARRIVED
+    assert command.status is Status.ARRIVED
     # Out of the bay and around an arm are 14.5 m.
     assert way < 20.0

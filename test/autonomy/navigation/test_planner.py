@@ -8,7 +8,7 @@ import pytest
 
 from lunar_rover_sim.autonomy.navigation.config import PlanConfig, TraversabilityConfig
 from lunar_rover_sim.autonomy.navigation.elevation_map import Elevation
-from lunar_rover_sim.autonomy.navigation.planner import Disc, Planner
+from lunar_rover_sim.autonomy.navigation.planner import Disc, Ground, Planner
 from lunar_rover_sim.autonomy.navigation.traversability import (belly_clearance_m, LETHAL, Limits,
                                                                 Traversability, traversability,
                                                                 UNKNOWN)
@@ -57,7 +57,7 @@ def test_an_enclosed_goal_has_no_plan_and_one_on_a_rock_has_the_place_beside_it(
     rock = (1.9, 2.1, -0.1, 0.1)
     plan = Planner(grid(rock), PLAIN, HALF_M, (0.0, 0.0)).plan((2.0, 0.0))
     assert not plan.reaches_goal
-    assert 0.2 < plan.off_goal_m < 0.35
+    assert 0.15 < plan.off_goal_m < 0.35
     assert Planner(grid(), PLAIN, HALF_M, (9.0, 0.0)).plan((0.0, 0.0)) is None
 
 
@@ -68,22 +68,23 @@ def test_unknown_ground_costs_more_and_is_told():
     inside = (np.abs(around[:, 0] - 1.1) < 0.45) & (np.abs(around[:, 1] + 0.05) < 0.3)
     assert not inside.any()
     straight = np.stack([np.linspace(-1.0, 2.5, 50), np.zeros(50)], axis=-1)
-    unknown_m, first = planner.unknown_along_m(straight, 0.3, 3.0)
-    assert unknown_m == pytest.approx(1.0, abs=0.1)
-    assert first == pytest.approx((0.6, 0.0), abs=0.1)
-    # Right before the rover it counts as free: its cameras do not see there.
-    near = Planner(shadow, PLAIN, HALF_M, (0.5, 0.0))
-    assert near.unknown_along_m(straight[22:], 0.0, 0.5)[0] == 0.0
+    dark_m, first = planner.dark_along_m(straight, 0.3, 3.0)
+    # Wherever a tenth of the circle around the rover lies on it.
+    assert dark_m == pytest.approx(1.0 + HALF_M, abs=0.11)
+    assert first == pytest.approx((0.6 - 0.5 * HALF_M, 0.0), abs=0.1)
+    # Where it stands the ground is known: its cameras do not see there.
+    near = Planner(shadow, PLAIN, HALF_M, (0.8, 0.0), (Disc(0.8, 0.0, 0.5, Ground.STOOD),))
+    assert near.dark_along_m(np.array([[0.8, 0.0], [1.1, 0.0]]), 0.0, 0.3)[0] == 0.0
 
 
 def test_discs_are_obstacles_or_cost_and_a_rover_that_stands_in_one_leaves_it():
-    bump = Disc(0.5, 0.0, 0.2, float('inf'), 10)
+    bump = Disc(0.5, 0.0, 0.2, Ground.BUMP)
     planner = Planner(grid(), PLAIN, HALF_M, (0.0, 0.0), (bump,))
     plan = planner.plan((2.0, 0.0))
     assert np.hypot(*(plan.points_m - (0.5, 0.0)).T).min() > 0.25
     straight = np.stack([np.linspace(0.0, 2.0, 50), np.zeros(50)], axis=-1)
     assert planner.cost_along(straight, (2.0, 0.0)) == float('inf')
-    inside = Planner(grid((-0.1, 0.1, -0.1, 0.1)), PLAIN, HALF_M, (0.0, 0.0))
+    inside = Planner(grid((-0.1, 0.1, -0.1, 0.1)), PLAIN, 3.0 * HALF_M, (0.0, 0.0))
     assert inside.plan((2.0, 0.0)).reaches_goal
 
 
@@ -126,7 +127,7 @@ def test_the_limits_are_those_of_the_rover():
     # Spokes of 8 cm, 30 degrees from the vertical at most; the chassis hangs 2 cm below the axle.
     assert belly_clearance_m(rover) == pytest.approx(0.08 * math.cos(math.pi / 6) - 0.02)
     assert LIMITS.step_m == pytest.approx(0.048)
-    assert LIMITS.half_width_m == pytest.approx(0.113)
+    assert LIMITS.radius_m == pytest.approx(0.232, abs=1e-3)
     longer = dataclasses.replace(rover, legs=dataclasses.replace(rover.legs, spoke_length_m=0.16))
     assert Limits.of(longer, TraversabilityConfig()).step_m > 0.09
     assert Limits.of(rover, TraversabilityConfig(max_step_m=0.1)).step_m == 0.1

@@ -14,7 +14,7 @@ from lunar_rover_sim.ground.world.rocks import Rocks
 from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
 from lunar_rover_sim.judge.studies.navigation import (Case, cases, DriveStore, goal_of,
                                                       report_text, write_all)
-from lunar_rover_sim.judge.studies.navigation_drives import (BellyContacts, BLIND, drive_to, KNOWN,
+from lunar_rover_sim.judge.studies.navigation_drives import (Contacts, BLIND, drive_to, KNOWN,
                                                              SEEN)
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
@@ -55,14 +55,14 @@ def test_contacts_of_the_belly_are_counted_by_the_height_of_the_rock(clearance_m
     top_m = float(TrueSurface(world).heights(np.array([1.3, 0.0]))[0])
     with Simulation(world, scenario.rover, scenario.physics_node) as simulation:
         model, data = simulation.model, simulation.data
-        belly = BellyContacts(simulation, world.ground, clearance_m)
+        belly = Contacts(simulation, world.ground, clearance_m)
         rock = int(np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)[0])
         assert belly.rise_m(rock) == pytest.approx(top_m, abs=0.02) and top_m > 0.1
         for time_s, x in ((0.0, 1.3), (0.1, 1.3), (1.0, 0.0), (2.0, 1.3)):
             data.qpos[:3] = x, 0.0, top_m
             mujoco.mj_forward(model, data)
             belly.add(time_s)
-    assert (belly.count, belly.high) == (2, high)
+    assert (belly.rocks, belly.high) == (2, high)
 
 
 def test_cases_come_seed_by_seed_and_the_sun_is_for_those_who_see():
