@@ -271,8 +271,8 @@ PLAN = Topic('plan', 'nav_msgs/msg/Path', EVENT, 'navigator_node', frames.ODOM_F
 GOAL = Topic('goal', 'geometry_msgs/msg/PoseStamped', EVENT, 'navigator_node', frames.ODOM_FRAME,
              'what it drives to, sent when that changes')
 NAVIGATOR_STATUS = Topic('navigator/status', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED,
-                         'navigator_node', '', 'waiting, following, looking, backing off, turning, '
-                         'arrived or failed, with its reason; sent when that changes')
+                         'navigator_node', '', 'waiting, following, looking, backing off, '
+                         'turning, arrived or failed, with its reason; sent when that changes')
 NAVIGATED = Topic('navigator/finished', 'std_msgs/msg/Header', EVENT, 'navigator_node', '',
                   'stamp at which a run ends, since the navigator has arrived or given up')
 

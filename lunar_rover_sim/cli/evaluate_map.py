@@ -44,7 +44,9 @@ def run(args: argparse.Namespace) -> int:
                 map(_row, (*result.by_distance, result.near)))
     say(f'{result.maps} maps, sun at {result.sun_deg:g} deg; the last row is all within '
         f'{NEAR_M:g} m; rocks count from {result.rock_m:.3f} m on; median error '
-        f'{result.offset_m:+.4f} m')
+        f'{result.offset_m:+.4f} m; '
+        f'{100.0 * result.beyond_3_sigma:.1f} % of the cells are off by more than 3 of their '
+        'stated deviations')
     if picture is not None:
         say(picture)
     return 0

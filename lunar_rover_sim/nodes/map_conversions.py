@@ -58,7 +58,7 @@ def elevation_cloud(elevation: Elevation, frame_id: str, stamp: Time) -> PointCl
     rows, columns = np.nonzero(np.isfinite(elevation.height_m))
     x, y = elevation.centres_m
     values = np.stack([x[columns], y[rows], elevation.height_m[rows, columns],
-                       np.sqrt(elevation.variance_m2[rows, columns])], axis=-1).astype('<f4')
+                       elevation.stddev_m()[rows, columns]], axis=-1).astype('<f4')
     return cloud(values.view(_POINT)[:, 0], frame_id, stamp)
 
 
@@ -84,7 +84,7 @@ def fill_grid_map(msg: Any, elevation: Elevation, grid: Traversability, frame_id
     msg.info.pose.position.x, msg.info.pose.position.y = middle.tolist()
     msg.info.pose.orientation.w = 1.0
     share = np.where(grid.cost < 0, np.nan, 1.0 - grid.cost / 100.0)
-    layers = {'elevation': elevation.height_m, 'variance': elevation.variance_m2,
+    layers = {'elevation': elevation.height_m, 'variance': elevation.stddev_m() ** 2,
               'traversability': share}
     msg.layers, msg.basic_layers = list(layers), ['elevation']
     for values in layers.values():

@@ -10,15 +10,14 @@ pytest.importorskip('rclpy')
 from rclpy import action, callback_groups, task  # noqa: E402  (needs rclpy)
 from waiting import wait_until  # noqa: E402
 
-from lunar_rover_sim.autonomy.navigation.navigator import (Failure,  # noqa: E402
-                                                           NavigatorCommand, Status)
+from lunar_rover_sim.autonomy.navigation import navigator  # noqa: E402
 from lunar_rover_sim.nodes.nav2_action import NavigateToPoseServer, Progress  # noqa: E402
 
 REFUSED = 'too far'
 
 
 def progress(status, reason='', failure=None, stamp_s=1.0, left_m=3.0):
-    command = NavigatorCommand(0.1, 0.0, status, reason, failure)
+    command = navigator.NavigatorCommand(0.1, 0.0, status, reason, failure)
     return Progress(command, round(stamp_s * 1e9), 'here', left_m, left_m / 0.12, 2)
 
 
@@ -86,12 +85,12 @@ def client(monkeypatch):
     return Client(monkeypatch)
 
 
-@pytest.mark.parametrize('status, why, end', [(Status.ARRIVED, None, 'succeed'),
-                                              (Status.FAILED, Failure.STUCK, 'abort')])
+@pytest.mark.parametrize('status, why, end', [(navigator.Status.ARRIVED, None, 'succeed'),
+                                              (navigator.Status.FAILED, navigator.Failure.STUCK, 'abort')])
 def test_a_goal_ends_as_the_navigator_ends(client, status, why, end):
     goal = client.send('a')
     assert client.name == 'navigate_to_pose' and client.set == [['a']]
-    client.server.tell(progress(Status.FOLLOWING))
+    client.server.tell(progress(navigator.Status.FOLLOWING))
     client.turn()
     assert not goal.ends
     client.server.tell(progress(status, 'stuck: moved', why))
@@ -114,14 +113,14 @@ def test_a_newer_goal_aborts_an_older_one_but_a_refused_one_does_not(client):
     assert client.ends(first) == ['abort'] and not second.ends
     assert first.reason == 'a newer goal has replaced this one'
     client.server.replace()     # by a topic
-    client.server.tell(progress(Status.ARRIVED))
+    client.server.tell(progress(navigator.Status.ARRIVED))
     assert client.ends(second) == ['abort']
 
 
 def test_a_goal_is_told_how_far_it_is(client):
     goal = client.send('a')
     for stamp_s, left_m in ((5.0, 3.0), (5.1, 2.99), (7.5, 2.7)):
-        client.server.tell(progress(Status.FOLLOWING, stamp_s=stamp_s, left_m=left_m))
+        client.server.tell(progress(navigator.Status.FOLLOWING, stamp_s=stamp_s, left_m=left_m))
         before = len(goal.feedback)
         if stamp_s != 5.1:      # twice a second
             wait_until(lambda n=before: len(goal.feedback) > n, meanwhile=client.turn)

@@ -28,6 +28,7 @@ _STEP_CELLS = 8             # by which the map rolls
 _MOST_MPS = 1.0             # a rover that seems faster has jumped
 _LEAST_COMMON = 60          # cells that a frame must share with the map to be levelled
 _ROUNDS, _HUBER = 4, 2.0    # of levelling
+_RELIEF = 0.4               # of the range of heights around a cell: its standard deviation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Elevation:
         origin_m: (2,) corner of the cell [0, 0] with the least x and y.
         cell_m: Side of a cell.
         height_m: (n, n) float32, NaN where unknown.
-        variance_m2: (n, n) float32, NaN where unknown.
+        variance_m2: (n, n) float32 of the errors of depth, NaN where unknown.
     """
 
     stamp_ns: int
@@ -54,6 +55,15 @@ class Elevation:
         n = len(self.height_m)
         steps = (np.arange(n) + 0.5) * self.cell_m
         return self.origin_m[0] + steps, self.origin_m[1] + steps
+
+    def stddev_m(self) -> F32:
+        """Return the standard deviation (n, n) of the mean height of a cell, NaN where unknown.
+
+        To the errors of depth it adds those of the relief: of a cell at a rock only a part is
+        seen, its face or its top.
+        """
+        return np.asarray(np.sqrt(self.variance_m2
+                                  + (_RELIEF * _relief(self.height_m)) ** 2), np.float32)
 
 
 class ElevationMap:
@@ -238,6 +248,24 @@ def _roll(array: NDArray, rows: int, columns: int) -> None:
         of = [slice(max(k, 0), n - max(-k, 0)) for k in (rows, columns)]
         moved[to[0], to[1]] = array[of[0], of[1]]
     array[:] = moved
+
+
+@compiled
+def _relief(heights: F32) -> F32:
+    """Return the range of the known heights of each cell and its eight neighbours."""
+    found = np.full_like(heights, np.nan)
+    rows, columns = heights.shape
+    for r in range(rows):
+        for c in range(columns):
+            if not math.isfinite(heights[r, c]):
+                continue
+            low = high = heights[r, c]
+            for i in range(max(r - 1, 0), min(r + 2, rows)):
+                for j in range(max(c - 1, 0), min(c + 2, columns)):
+                    if math.isfinite(heights[i, j]):
+                        low, high = min(low, heights[i, j]), max(high, heights[i, j])
+            found[r, c] = high - low
+    return found
 
 
 @compiled

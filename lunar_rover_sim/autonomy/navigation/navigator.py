@@ -226,7 +226,8 @@ class Navigator:
             return self._final
         if stamp_ns - self._start_ns < self._config.start_delay_s * 1e9:
             self._best_ns = stamp_ns
-            return _still(Status.WAITING, f'until start_delay_s {self._config.start_delay_s:g} is over')
+            return _still(Status.WAITING,
+                          f'until start_delay_s {self._config.start_delay_s:g} is over')
         missing = self._missing_pose(pose_ns, position_m, orientation_wxyz)
         if missing is not None:
             return self._wait_for(missing)
@@ -256,8 +257,9 @@ class Navigator:
         elif self._now_ns - self._level_ns >= self._config.tilt_time_s * 1e9:
             return self._recover(Failure.TILT, f'tilted by {tilt:.0f} deg', position)
         if self._is_stuck():
-            return self._recover(Failure.STUCK, f'moved less than {self._config.stuck_distance_m:g}'
-                                 f' m in {self._config.stuck_time_s:g} s', position)
+            return self._recover(
+                Failure.STUCK, f'moved less than {self._config.stuck_distance_m:g} m in '
+                f'{self._config.stuck_time_s:g} s', position)
         late = self._patience(position)
         if late is not None:
             return late

@@ -149,8 +149,8 @@ class Planner:
         x, y = self._centre(rows, columns)
         rest = np.hypot(x - goal[0], y - goal[1])
         if self._inside(end) and self._cost[end] < 0.0:
-            # Where it may stand, or stands.
-            fits = ~self.blocked
+            # Where it may stand on known ground, or stands.
+            fits = ~(self.blocked | self.dark)
             fits[start] = True
             near = np.where(np.isfinite(total) & fits & (rest <= _SEARCH_M), rest, np.inf)
             best = np.unravel_index(int(np.argmin(near)), near.shape)
@@ -160,7 +160,8 @@ class Planner:
         edge = np.full(total.shape, np.inf)
         for side in (np.s_[0, :], np.s_[-1, :], np.s_[:, 0], np.s_[:, -1]):
             points = np.stack([x[side], y[side]], axis=-1)
-            edge[side] = total[side] * self._grid.cell_m + rest[side] + self._detour_m(points, goal)
+            edge[side] = (total[side] * self._grid.cell_m + rest[side]
+                          + self._detour_m(points, goal))
         best = np.unravel_index(int(np.argmin(edge)), edge.shape)
         if not math.isfinite(edge[best]) or self._inside(end) and (
                 self._overview is None or not self._overview.is_open(

@@ -94,8 +94,8 @@ def traversability(elevation: Elevation, limits: Limits, fill_cells: int = 2,
     the plane of the surroundings, or the relief from cell to cell beyond the slope), the slope and
     the roughness of that plane, which never forbids a cell by itself. Heights count less what
     their errors may make of them. Unknown ground that lies right behind what is too steep, seen
-    from the rover at eye_m (2,), is as steep: the far side of a rock, of which only the near one is
-    seen.
+    from the rover at eye_m (2,), is as steep: the far side of a rock of which only the near one
+    is seen.
     """
     grid = np.full(elevation.height_m.shape, UNKNOWN, np.int8)
     cell = elevation.cell_m

@@ -210,7 +210,8 @@ class Driver:
                             f' tilt_limit_deg {config.tilt_limit_deg:g}')
         if np.max(np.abs(position[:2])) > self._half_extent_m - config.border_m:
             return _stopped(Stop.OUTSIDE, f'out of the world at {_at(position)}: nearer than '
-                            f'border_m {config.border_m:g} to its edge at {self._half_extent_m:g} m')
+                            f'border_m {config.border_m:g} to its edge at '
+                            f'{self._half_extent_m:g} m')
         return None
 
     def _drive(self, stamp_ns: int, position: np.ndarray, heading: float) -> DriveCommand:
@@ -241,8 +242,8 @@ class Driver:
         if self._check_is_due(stamp_ns) and self._record(stamp_ns, progress):
             gain = self._history[-1][1] - min(p for _, p in self._history)
             if gain < config.stuck_distance_m:
-                return _stopped(Stop.STUCK, f'stuck at {_at(position)}: {gain:.3f} m of progress in'
-                                f' {config.stuck_time_s:g} s')
+                return _stopped(Stop.STUCK, f'stuck at {_at(position)}: {gain:.3f} m of progress '
+                                f'in {config.stuck_time_s:g} s')
         return DriveCommand(steering.forward_mps, steering.yaw_rate_radps, DRIVING)
 
     def _stuck_on_profile(self, stamp_ns: int, position: np.ndarray, heading: float,

@@ -33,6 +33,7 @@ CELL_M = 0.15
 DISTANCES_M = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.4)
 NEAR_M = 4.0
 _SAMPLES = 5            # rays along a side of a cell
+_SAMPLES_OF_MAP = 2     # and of a cell of the map
 _ABOVE_M = 1.0          # rays begin this far over the highest ground and rock
 _DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -114,6 +115,8 @@ class MapEvaluation:
         by_distance: By distance from the rover.
         rock_m: Height from which a rock counts, since the rover cannot cross it [m].
         offset_m: Median error of the elevation [m]; an error in the height of the pose is in it.
+        beyond_3_sigma: Share of the cells of the map whose error is more than three of the
+            standard deviations that the map states; of a normal distribution 0.003.
         sun_deg: Elevation of the sun [deg].
     """
 
@@ -122,12 +125,14 @@ class MapEvaluation:
     by_distance: tuple[Rates, ...]
     rock_m: float
     offset_m: float
+    beyond_3_sigma: float
     sun_deg: float
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, None for NaN."""
         return plain({'maps': self.maps, 'rock_m': self.rock_m, 'offset_m': self.offset_m,
-                      'sun_deg': self.sun_deg, 'near': self.near._asdict(),
+                      'beyond_3_sigma': self.beyond_3_sigma, 'sun_deg': self.sun_deg,
+                      'near': self.near._asdict(),
                       'by_distance': [one._asdict() for one in self.by_distance]})
 
 
@@ -141,6 +146,7 @@ class _Cells(NamedTuple):
     beside_flag: NDArray[np.bool_]
     beside_rock: NDArray[np.bool_]
     centre_m: Array
+    surprise: Array         # of each cell of the map: error over stated deviation
 
 
 def evaluate_maps(path: Path, world: Path | None = None, most: int = 40,
@@ -177,7 +183,9 @@ def evaluate_maps(path: Path, world: Path | None = None, most: int = 40,
         _plot(parts[-1], output)
     bins = tuple(_rates(every, low, high) for low, high in zip(DISTANCES_M, DISTANCES_M[1:]))
     return MapEvaluation(len(parts), _rates(every, 0.0, NEAR_M), bins, limits.step_m,
-                         float(np.median(every.error_m)), nodes.render.sun.elevation_deg)
+                         float(np.median(every.error_m)),
+                         float(np.mean(np.abs(every.surprise) > 3.0)),
+                         nodes.render.sun.elevation_deg)
 
 
 def _judged(bag: Bag, stamp: int, odometry: series.Odometry, surface: TrueSurface,
@@ -212,10 +220,20 @@ def _judged(bag: Bag, stamp: int, odometry: series.Odometry, surface: TrueSurfac
     distance = np.linalg.norm(centre - odometry.positions_m[k, :2], axis=1)
     error = height[rows, columns] / count[rows, columns] - true.mean(axis=1)
     fine = np.isfinite(error)
-    return _Cells(*(values[fine] for values in (
-        distance, error, is_flagged[rows, columns], is_rock[rows, columns],
-        *(binary_dilation(flags, np.ones((3, 3)))[rows, columns]
-          for flags in (is_flagged, is_rock)), centre)))
+    beside_flag, beside_rock = (binary_dilation(flags, np.ones((3, 3)))[rows, columns]
+                                for flags in (is_flagged, is_rock))
+    return _Cells(distance[fine], error[fine], is_flagged[rows, columns][fine],
+                  is_rock[rows, columns][fine], beside_flag[fine], beside_rock[fine],
+                  centre[fine], _surprises(points, grid.info.resolution, surface))
+
+
+def _surprises(points: Array, cell_m: float, surface: TrueSurface) -> Array:
+    """Return errors over stated deviations of cells (n, 4): x, y, z and deviation."""
+    inside = (np.arange(_SAMPLES_OF_MAP) + 0.5) / _SAMPLES_OF_MAP - 0.5
+    offsets = cell_m * np.stack(np.meshgrid(inside, inside), axis=-1).reshape(-1, 2)
+    true, _ = surface.heights(points[:, None, :2] + offsets)
+    surprise = (points[:, 2] - true.mean(axis=1)) / points[:, 3]
+    return surprise[np.isfinite(surprise)]
 
 
 def _flags(grid: Any, corner: NDArray[np.integer], shape: tuple[int, ...]) -> NDArray[np.bool_]:

@@ -187,8 +187,9 @@ def report_text(drives: dict[Case, GoalDrive], distance_m: float) -> str:
              f'rock that rises by more than its clearance; tilted: drives above {_TILTED_DEG:g}°. '
              'Intervals: 95 %.', '',
              *markdown_table(('scenario', 'sun [°]', 'driver', 'pose', 'n', 'arrived [%]', 'way',
-                              *_CONTACTS, 'high', 'tilted', 'tipped', 'backed off', 'time [s]', 'energy [J/m]',
-                              'pose error [m]', 'from the goal [m]', 'others'), rows), '']
+                              *_CONTACTS, 'high', 'tilted', 'tipped', 'backed off', 'time [s]',
+                              'energy [J/m]', 'pose error [m]', 'from the goal [m]', 'others'),
+                             rows), '']
     comparisons = _comparisons(groups)
     if comparisons:
         lines += ['## Pairs', '', 'Way over the shortest, a drive that does not arrive counting '

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 import worlds
 
-from lunar_rover_sim.autonomy.navigation.navigator import ARRIVED
 from lunar_rover_sim.base.errors import ConfigError, StudyError
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.ground.world.rocks import Rocks
 from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
 from lunar_rover_sim.judge.studies.navigation import (Case, cases, DriveStore, goal_of,
                                                       report_text, write_all)
-from lunar_rover_sim.judge.studies.navigation_drives import (Contacts, BLIND, drive_to, KNOWN,
-                                                             SEEN)
+from lunar_rover_sim.judge.studies.navigation_drives import (ARRIVED, BLIND, Contacts, drive_to,
+                                                             KNOWN, SEEN)
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
 

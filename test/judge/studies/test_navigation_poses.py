@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import worlds
 
-from lunar_rover_sim.autonomy.navigation.navigator import ARRIVED, LOST
 from lunar_rover_sim.base.errors import ConfigError
-from lunar_rover_sim.judge.studies.navigation_drives import drive_to, SEEN
+from lunar_rover_sim.judge.studies.navigation_drives import ARRIVED, drive_to, SEEN
 from lunar_rover_sim.judge.studies.navigation_poses import poses_of
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
@@ -89,8 +88,8 @@ def test_a_program_that_dies_stops_the_rover_which_says_that_it_is_lost(tmp_path
     drive = drive_to(scenario, worlds.small(), (3.0, 0.0), SEEN, 'slam', 20.0, watch=lambda
                      state, *_: x.update({round(state.stamp_ns * 1e-8): state.position_m[0]}))
     # A pose counts for 0.5 s, and 1 s later the navigator gives up.
-    assert drive.outcome == LOST and drive.time_s == pytest.approx(4.5, abs=0.15)
-    assert x[34] - x[30] > 0.02 and abs(x[max(x)] - x[40]) < 0.01
+    assert drive.outcome == 'lost' and drive.time_s == pytest.approx(4.5, abs=0.15)
+    assert x[34] - x[30] > 0.02 and abs(x[max(x)] - x[40]) < 0.02     # it settles
 
 
 def test_a_program_that_cannot_be_used_is_refused_with_a_line(tmp_path, plain):
