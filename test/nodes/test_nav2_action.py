@@ -85,8 +85,9 @@ def client(monkeypatch):
     return Client(monkeypatch)
 
 
-@pytest.mark.parametrize('status, why, end', [(navigator.Status.ARRIVED, None, 'succeed'),
-                                              (navigator.Status.FAILED, navigator.Failure.STUCK, 'abort')])
+@pytest.mark.parametrize('status, why, end', [
+    (navigator.Status.ARRIVED, None, 'succeed'),
+    (navigator.Status.FAILED, navigator.Failure.STUCK, 'abort')])
 def test_a_goal_ends_as_the_navigator_ends(client, status, why, end):
     goal = client.send('a')
     assert client.name == 'navigate_to_pose' and client.set == [['a']]
