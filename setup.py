@@ -49,12 +49,12 @@ setup(
     zip_safe=False,
     python_requires='>=3.10',
     install_requires=[
+        'click>=8.1.3',
         'Jinja2>=3.1',
         'matplotlib>=3.8',
         'mcap>=1.2',
         "backports.zstd>=1.0; python_version < '3.14'",     # as rosbags has it
         'moderngl>=5.12',
-        'shtab>=1.7',
         # 4 needs Python 3.11.
         'mujoco>=3.17,<5; python_version<"3.11"',
         'mujoco>=4,<5; python_version>="3.11"',

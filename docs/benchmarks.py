@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 from matplotlib.figure import Figure
 
-from lunar_rover_sim.cli.main import parse
+from lunar_rover_sim.cli.main import execute
 
 MEASUREMENTS = Path(__file__).parent / 'measurements'
 # Columns of `slam table` that the pages show; a sweep adds the name of its parameter.
@@ -25,8 +25,7 @@ def table(drives: Path) -> str:
     Columns of a single value are left out.
     """
     with TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
-        arguments = parse(['slam', 'table', str(drives), '-o', folder])
-        arguments.run(arguments)
+        execute(['slam', 'table', str(drives), '-o', folder])
         text = Path(folder, 'table.md').read_text(encoding='utf-8')
     rows = [[cell.strip() for cell in line.strip('|').split(' | ')]
             for line in text.splitlines() if line.startswith('| ') and '---' not in line]

@@ -9,19 +9,18 @@ every build.
 
 from __future__ import annotations
 
-import argparse
 import ast
-from collections.abc import Iterator
 from configparser import ConfigParser
 from pathlib import Path
 import re
 
 import benchmarks
+import click
 
 import lunar_rover_sim
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.parameters import Parameters
-from lunar_rover_sim.cli.main import parser
+from lunar_rover_sim.cli.main import COMMANDS, load
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.companion_config import COMPANION_CONFIGS
@@ -121,59 +120,19 @@ def plain(value: object) -> str:
 def command_pages() -> str:
     """Return usage and arguments of every command."""
     parts = []
-    for command in commands(parser()):
-        command.formatter_class = _Plain
-        usage = command.format_usage().removeprefix('usage: ').rstrip()
-        text = command.description or ''
-        parts += [f'## `{command.prog}`', '']
-        if text:
-            parts += [sentence(cell(' '.join(text.split()))), '']
-        parts += ['```text', usage, '```', '']
-        rows = [(words(action), help_of(action)) for action in command._actions
-                if not isinstance(action, argparse._HelpAction)
-                and action.help != argparse.SUPPRESS]
+    for name in COMMANDS:
+        command = load(name)
+        context = click.Context(command, info_name=f'lunar_rover_sim {name}', show_default=True)
+        usage = ' '.join([context.command_path, *command.collect_usage_pieces(context)])
+        parts += [f'## `{context.command_path}`', '', cell(' '.join((command.help or '').split())),
+                  '', f'`{usage}`', '']
+        rows = [record for param in command.params if (record := param.get_help_record(context))]
         if rows:
             parts += ['| argument | meaning |', '|---|---|']
-            parts += [f'| {name} | {cell(meaning)} |' for name, meaning in rows]
+            parts += [f'| {cell(f"`{words}`")} | {cell(" ".join(meaning.split()))} |'
+                      for words, meaning in rows]
         parts.append('')
     return '\n'.join(parts)
-
-
-class _Plain(argparse.HelpFormatter):
-    """Help of one width, whatever the terminal."""
-
-    def __init__(self, prog: str) -> None:
-        super().__init__(prog, width=92)
-
-
-def commands(root: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-    """Yield the parsers of all commands that can be called, in the order of their names."""
-    groups = [action for action in root._actions
-              if isinstance(action, argparse._SubParsersAction)]
-    if not groups:
-        yield root
-    for group in groups:
-        for _, child in sorted(group.choices.items()):
-            yield from commands(child)
-
-
-def words(action: argparse.Action) -> str:
-    """Return how an argument is written."""
-    if not action.option_strings:
-        return f'`{action.metavar or action.dest}`'
-    names = ', '.join(f'`{name}`' for name in action.option_strings)
-    if action.nargs == 0:
-        return names
-    value = action.metavar or (
-        '{' + ','.join(map(str, action.choices)) + '}' if action.choices else action.dest.upper())
-    return f'{names} `{" ".join(value) if isinstance(value, tuple) else value}`'
-
-
-def help_of(action: argparse.Action) -> str:
-    """Return the help of an argument, its default filled in."""
-    text = (action.help or '') % {'default': action.default, 'prog': ''}
-    return ' '.join(text.split()) + (' (required)' if action.required and action.option_strings
-                                     else '')
 
 
 def python_page() -> str:
@@ -197,11 +156,6 @@ def python_page() -> str:
                       *([f'   :exclude-members: {", ".join(above)}'] if above else []), '']
         parts += ['```', '']
     return '\n'.join(parts)
-
-
-def sentence(text: str) -> str:
-    """Return text with a capital and a full stop."""
-    return text[:1].upper() + text[1:] + ('' if text.endswith('.') else '.')
 
 
 def check_sections() -> None:

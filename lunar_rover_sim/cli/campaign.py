@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
+from pathlib import Path
 import signal
+
+import click
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.paths import counted
@@ -20,50 +22,47 @@ from lunar_rover_sim.run.ros_domain import require_ros
 _CHECKED = 100     # episodes whose parameters a dry run checks; each takes some 10 ms
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.description = (
-        'Record the episodes of a campaign file, check each one, export it, and '
-        'write a data card. What is there already is kept: the same call goes on '
-        'after Ctrl-C, a crash or a power cut.')
-    parser.add_argument('campaign', help='name of a packaged campaign, or a YAML file')
-    options.add_folder(parser, 'folder of the data set; may hold part of it', required=False)
-    options.add_workers(parser, 'episodes side by side on this machine')
-    parser.add_argument('--scheduler', metavar='ADDRESS',
-                        help='send episodes to the Dask cluster at this address (tcp://host:port)'
-                             '; DIR must be shared by its workers')
-    parser.add_argument('--retry', action='store_true', help='repeat episodes that failed')
-    parser.add_argument('--dry-run', action='store_true',
-                        help='print what would be drawn for each episode, record nothing')
+@options.command()
+@options.argument('campaign', 'name of a packaged campaign, or a YAML file', metavar='CAMPAIGN')
+@options.folder('folder of the data set; may hold part of it', required=False)
+@options.workers('episodes side by side on this machine')
+@click.option('--scheduler', metavar='ADDRESS', help='send episodes to the Dask cluster at this '
+              'address (tcp://host:port); DIR must be shared by its workers')
+@click.option('--retry', is_flag=True, help='repeat episodes that failed')
+@click.option('--dry-run', is_flag=True,
+              help='print what would be drawn for each episode, record nothing')
+def campaign(campaign: str, output: Path | None, workers: int, scheduler: str | None, retry: bool,
+             dry_run: bool) -> int:
+    """Record the episodes of a campaign file.
 
-
-def run(args: argparse.Namespace) -> int:
-    """Make what is missing; return 1 where an episode failed."""
-    if args.output is None and not args.dry_run:
+    Checks each one, exports it, and writes a data card. What is there already is kept: the same
+    call goes on after Ctrl-C, a crash or a power cut. Exits with 1 where an episode failed.
+    """
+    loaded = load_campaign(campaign)
+    if dry_run:
+        return _dry_run(loaded)
+    if output is None:
         raise ConfigError('-o is missing: name the folder of the data set')
-    campaign = load_campaign(args.campaign)
-    if args.dry_run:
-        return _dry_run(campaign)
     plans = []
-    with Progress('planning', campaign.count, 'episodes') as progress:
-        for planned in plan(campaign):
+    with Progress('planning', loaded.count, 'episodes') as progress:
+        for planned in plan(loaded):
             plans.append(planned)
             progress.advance()
     require_ros()
     # SIGTERM stops a campaign as Ctrl-C does: unfinished episodes are dropped, the others stay.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with Dataset(args.output, campaign) as dataset:
+    with Dataset(output, loaded) as dataset:
         with Progress('looking at what is there') as progress:
-            found = dataset.survey(plans, args.retry, progress.named)
+            found = dataset.survey(plans, retry, progress.named)
         dataset.record()
         for name, reason in found.remade.items():
             say(f'{name} is made again: {reason}')
-        say(f'{campaign.config.name}: {counted(len(plans), "episode")}, '
+        say(f'{loaded.config.name}: {counted(len(plans), "episode")}, '
             f'{len(found.finished)} there, {len(found.missing)} to make'
             + (f', {len(found.failed)} failed before (--retry makes them again)'
                if found.failed else ''))
         try:
-            _make(dataset, dataset.tasks(plans, found.missing), args, found)
+            _make(dataset, dataset.tasks(plans, found.missing), workers, scheduler, found)
         except KeyboardInterrupt:
             say('interrupted; the same call goes on from here')
             raise
@@ -87,7 +86,7 @@ def _dry_run(campaign: Campaign) -> int:
     return 0
 
 
-def _make(dataset: Dataset, tasks: list[EpisodeTask], args: argparse.Namespace,
+def _make(dataset: Dataset, tasks: list[EpisodeTask], workers: int, scheduler: str | None,
           found: DatasetProgress) -> None:
     """Run the tasks here or on a cluster, and show the progress."""
     simulated_s = {task.plan.name: task.plan.duration_s for task in tasks}
@@ -109,7 +108,7 @@ def _make(dataset: Dataset, tasks: list[EpisodeTask], args: argparse.Namespace,
 
         if not tasks:
             return
-        if args.scheduler is not None:
-            run_on_cluster(tasks, dataset.folder, args.scheduler, done)
+        if scheduler is not None:
+            run_on_cluster(tasks, dataset.folder, scheduler, done)
         else:
-            run_local(tasks, dataset.folder, args.workers, done)
+            run_local(tasks, dataset.folder, workers, done)

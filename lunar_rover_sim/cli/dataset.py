@@ -2,49 +2,28 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
+
+import click
 
 from lunar_rover_sim.campaign.card import write_card
 from lunar_rover_sim.campaign.sharding import TEST, VALIDATION, write_shards
-from lunar_rover_sim.campaign.verification import status, verify
+from lunar_rover_sim.campaign.verification import status as status_of
+from lunar_rover_sim.campaign.verification import verify as verify_files
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_json, Progress, say
 from lunar_rover_sim.products.sequences.shards import DEFAULT_SIZE
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the commands."""
-    datasets = parser.add_subparsers(metavar='WHAT', required=True)
-    for name, run, text in (
-            ('status', _status, 'how many episodes are finished, failed and missing'),
-            ('verify', _verify, 'compare the episodes with the plan, and every file with the '
-                                'manifests; exits with 1 if anything was changed, deleted, added '
-                                'or renamed'),
-            ('shards', _shards, 'WebDataset shards of all drives, split by world'),
-            ('card', _card, 'write the data card anew: README.md, card.json, '
-                            'episodes.csv, croissant.json')):
-        command = options.add_action(datasets, name, text, run)
-        command.add_argument('dataset', type=Path, metavar='DIR', help='folder of the data set')
-        if name == 'status':
-            options.add_json(command)
-        if name == 'shards':
-            _add_shards(command)
+_folder = options.argument('dataset', 'folder of the data set', type=options.PATH, metavar='DIR')
 
 
-def _add_shards(command: argparse.ArgumentParser) -> None:
-    options.add_new_folder(command, 'folder of the shards')
-    command.add_argument('--shard-size', type=int, default=DEFAULT_SIZE, metavar='N',
-                         help='samples per shard (default: %(default)s)')
-    for split, meaning in ((VALIDATION, 'validation'), (TEST, 'test')):
-        command.add_argument(f'--{split}', type=float, default=0.0, metavar='SHARE',
-                             help=f'share of the worlds of each scenario that are for {meaning} '
-                                  '(default: 0)')
-
-
-def _status(args: argparse.Namespace) -> int:
-    found = status(args.dataset)
-    if args.json:
+@options.command()
+@_folder
+@options.as_json
+def status(dataset: Path, as_json: bool) -> int:
+    """Print how many episodes are finished, failed and missing."""
+    found = status_of(dataset)
+    if as_json:
         print_json(found)
         return 0
     say(f'{found["campaign"]}: {len(found["finished"])} of {found["planned"]} episodes finished, '
@@ -54,9 +33,15 @@ def _status(args: argparse.Namespace) -> int:
     return 0
 
 
-def _verify(args: argparse.Namespace) -> int:
+@options.command()
+@_folder
+def verify(dataset: Path) -> int:
+    """Compare the episodes with the plan, and every file with the manifests.
+
+    Exits with 1 if anything was changed, deleted, added or renamed.
+    """
     with Progress('verifying') as progress:
-        found = verify(args.dataset, progress.named)
+        found = verify_files(dataset, progress.named)
     for name, reason in found.problems.items():
         say(f'{name}: {reason}')
     if found.problems:
@@ -69,16 +54,31 @@ def _verify(args: argparse.Namespace) -> int:
     return 0
 
 
-def _shards(args: argparse.Namespace) -> int:
-    shares = {split: getattr(args, split) for split in (VALIDATION, TEST)}
+def _share(split: str, meaning: str) -> options.Decorator:
+    return click.option(f'--{split}', type=float, default=0.0, metavar='SHARE',
+                        help=f'share of the worlds of each scenario that are for {meaning}')
+
+
+@options.command()
+@_folder
+@options.new_folder('folder of the shards')
+@click.option('--shard-size', type=int, default=DEFAULT_SIZE, metavar='N',
+              help='samples per shard')
+@_share(VALIDATION, 'validation')
+@_share(TEST, 'test')
+def shards(dataset: Path, output: Path, shard_size: int, **shares: float) -> int:
+    """Write WebDataset shards of all drives, split by world."""
     with Progress('writing') as progress:
-        notes = write_shards(args.dataset, args.output, args.shard_size, shares, progress.named)
+        notes = write_shards(dataset, output, shard_size, shares, progress.named)
     for note in notes:
         print(note)
     return 0
 
 
-def _card(args: argparse.Namespace) -> int:
-    write_card(args.dataset)
-    print(args.dataset / 'README.md')
+@options.command()
+@_folder
+def card(dataset: Path) -> int:
+    """Write the data card anew: README.md, card.json, episodes.csv, croissant.json."""
+    write_card(dataset)
+    print(dataset / 'README.md')
     return 0

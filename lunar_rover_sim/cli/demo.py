@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 import shlex
 
@@ -14,23 +13,19 @@ _DURATION_S = 5
 _SUN = 'render_node.sun.azimuth_deg=100'
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.description = (f'Record {_DURATION_S} s of a drive, check the recording and draw '
-                          'pictures of it. Each step is a command, which is printed.')
-    options.add_new_folder(parser, 'folder of the demo; by default runs/demo-N', required=False)
-    options.add_fast(parser)
+@options.command(help=f"""Record a first drive, check it and draw pictures of it.
 
-
-def run(args: argparse.Namespace) -> int:
+    The drive takes {_DURATION_S} s. Each step is a command, which is printed.""")
+@options.new_folder('folder of the demo; by default runs/demo-N', required=False)
+@options.fast_option
+def demo(output: Path | None, fast: bool) -> int:
     """Run the commands one after the other; the first one that fails ends the demo."""
     from lunar_rover_sim.cli.main import execute  # it imports this module
 
-    folder = args.output or _free_folder()
+    folder = output or _free_folder()
     bag, pictures = folder / 'bag', folder / 'preview'
-    fast = ['--fast'] if args.fast else []
-    for words in (['run', 'baseline', '--duration', str(_DURATION_S), *fast, '--set', _SUN,
-                   '-o', str(folder)],
+    run = ['run', 'baseline', '--duration', str(_DURATION_S), '--set', _SUN, '-o', str(folder)]
+    for words in (run + (['--fast'] if fast else []),
                   ['bag', 'check', str(bag)],
                   ['bag', 'preview', str(bag), '-o', str(pictures)]):
         say(f'$ lunar_rover_sim {shlex.join(words)}')

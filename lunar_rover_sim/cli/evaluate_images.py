@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
+from pathlib import Path
 
+import click
 from rich.text import Text
 
 from lunar_rover_sim.base.errors import EvaluationError
@@ -20,34 +21,32 @@ from lunar_rover_sim.judge.evaluation.statistics import Difference, SeriesMean
 JSON_FILE, FIGURE_FILE = 'comparison.json', 'comparison.png'
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.description = (
-        'Compare two sets of images: gradients, spectrum, shadow, ORB, semi-global matching, each '
-        'with 95 % intervals of both sets and of their difference. A set is a bag, the folder of '
-        'a run, a sequence (EuRoC, KITTI, TartanAir, TUM), LuSNAR, POLAR, or any folder of '
-        'pictures.')
-    parser.add_argument('first', metavar='A', help='set of images')
-    parser.add_argument('second', metavar='B', help='set of images')
-    parser.add_argument('--frames', type=int, default=FRAMES, metavar='N',
-                        help='images of each set, evenly over it (default: %(default)s)')
-    parser.add_argument('--width', type=int, metavar='PX',
-                        help='scale images down to this width (default: that of the narrower set)')
-    options.add_seed(parser, 1, 'seed of the resampling')
-    options.add_folder(parser, f'folder for {JSON_FILE} and {FIGURE_FILE}', required=False)
+@options.command()
+@options.argument('first', 'set of images', metavar='A')
+@options.argument('second', 'set of images', metavar='B')
+@click.option('--frames', type=int, default=FRAMES, metavar='N',
+              help='images of each set, evenly over it')
+@click.option('--width', type=int, metavar='PX',
+              help='scale images down to this width (default: that of the narrower set)')
+@options.seed(1, 'seed of the resampling')
+@options.folder(f'folder for {JSON_FILE} and {FIGURE_FILE}', required=False)
+def images(first: str, second: str, frames: int, width: int | None, seed: int,
+           output: Path | None) -> int:
+    """Compare two sets of images.
 
-
-def run(args: argparse.Namespace) -> int:
-    """Compare, print a table, write results."""
+    By gradients, spectrum, shadow, ORB and semi-global matching, each with 95 % intervals of both
+    sets and of their difference. A set is a bag, the folder of a run, a sequence (EuRoC, KITTI,
+    TartanAir, TUM), LuSNAR, POLAR, or any folder of pictures.
+    """
     with Progress('measuring') as progress:
-        result = compare_images(args.first, args.second, frames=args.frames, width_px=args.width,
-                                seed=args.seed, progress=progress.advance)
+        result = compare_images(first, second, frames=frames, width_px=width,
+                                seed=seed, progress=progress.advance)
     _print(result)
-    if args.output is not None:
-        path = args.output / JSON_FILE
-        save_comparison(result, args.output / FIGURE_FILE)
+    if output is not None:
+        path = output / JSON_FILE
+        save_comparison(result, output / FIGURE_FILE)
         atomic_write(path, json_text(result.to_mapping()) + '\n', EvaluationError)
-        for written in (path, args.output / FIGURE_FILE):
+        for written in (path, output / FIGURE_FILE):
             say(written)
     return 0
 

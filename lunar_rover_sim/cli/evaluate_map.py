@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 from lunar_rover_sim.base.errors import EvaluationError
@@ -13,31 +12,27 @@ from lunar_rover_sim.cli.terminal import print_json, print_table, say
 from lunar_rover_sim.judge.evaluation.map_evaluation import CELL_M, evaluate_maps, NEAR_M, Rates
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.description = (
-        f'Error of the elevation and of the flags of rocks in cells of {100 * CELL_M:g} cm, by'
-        ' distance from the rover. A rock counts from the height on that the rover does not'
-        ' cross; a flag beside it counts as one of it.')
-    options.add_bag(parser, 'recording with map/elevation')
-    parser.add_argument('--world', type=Path, metavar='FOLDER', help='of the drive, where it is '
-                        'not beside the bag or in the cache')
-    options.add_number(parser, '--maps', 1, kind=int, default=40,
-                       help='maps that are judged, spread over the drive')
-    options.add_folder(parser, 'folder for map_evaluation.json and a picture', required=False)
-    options.add_json(parser)
+@options.command(help=f"""Judge the maps of a recorded drive against its world.
 
-
-def run(args: argparse.Namespace) -> int:
+    Prints the error of the elevation and of the flags of rocks in cells of {100 * CELL_M:g} cm, by
+    distance from the rover. A rock counts from the height on that the rover does not cross; a flag
+    beside it counts as one of it.""")
+@options.bag('recording with map/elevation')
+@options.world('of the drive, where it is not beside the bag or in the cache', 'FOLDER')
+@options.bounded('--maps', 1, kind=int, default=40,
+                 help='maps that are judged, spread over the drive')
+@options.folder('folder for map_evaluation.json and a picture', required=False)
+@options.as_json
+def map_(bag: Path, world: Path | None, maps: int, output: Path | None, as_json: bool) -> int:
     """Judge, print a table, write results."""
-    picture = None if args.output is None else args.output / 'map_evaluation.png'
-    if args.output is not None:
-        args.output.mkdir(parents=True, exist_ok=True)
-    result = evaluate_maps(args.bag, args.world, args.maps, picture)
-    if args.output is not None:
-        atomic_write(args.output / 'map_evaluation.json',
+    picture = None if output is None else output / 'map_evaluation.png'
+    if output is not None:
+        output.mkdir(parents=True, exist_ok=True)
+    result = evaluate_maps(bag, world, maps, picture)
+    if output is not None:
+        atomic_write(output / 'map_evaluation.json',
                      json_text(result.to_mapping()) + '\n', EvaluationError)
-    if args.json:
+    if as_json:
         print_json(result.to_mapping())
         return 0
     print_table(('distance [m]', 'cells', 'RMS [m]', 'median [m]', 'precision', 'recall'), 1,

@@ -2,162 +2,171 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 import importlib
-import logging
-import re
+import os
 import sys
-from typing import NamedTuple, NoReturn
+from typing import Any, NamedTuple
+
+import click
 
 from lunar_rover_sim import __version__
 from lunar_rover_sim.base.errors import ConfigError, did_you_mean, LunarRoverSimError, one_line
-from lunar_rover_sim.base.files.paths import check_open_files
-from lunar_rover_sim.cli.help_format import HelpFormatter
+from lunar_rover_sim.base.open_files import check_open_files
 
-logger = logging.getLogger('lunar_rover_sim.cli')
+NAME = 'lunar_rover_sim'
+_COMPLETE = '_LUNAR_ROVER_SIM_COMPLETE'     # set by the script that `completion` prints
 
 
-class Command(NamedTuple):
-    """The module of this package with `add_arguments(parser)`, and one line of help."""
+class Entry(NamedTuple):
+    """Module and name of a command below this package, and one line of help."""
 
-    module: str
+    where: str
     help: str
 
 
-GROUPS = {'validate': 'compare a part of the simulator with theory or published results',
+GROUPS = {'bag': 'look into, check, hash, recover and export recordings',
           'calibrate': 'measure a map that a node uses',
-          'evaluate': 'judge an estimated trajectory, or compare sets of images'}
+          'dataset': 'look at, verify and describe a data set that `campaign` made',
+          'evaluate': 'judge an estimated trajectory, or compare sets of images',
+          'rover': 'export the rover as an OpenUSD stage or URDF',
+          'slam': 'what SLAM programs need: settings files, vocabularies; running them on bags',
+          'validate': 'compare a part of the simulator with theory or published results',
+          'world': 'build, inspect, picture and export terrains; sun and Earth over them'}
 # What the name of a group means without one of its members.
 DEFAULTS = {'evaluate': 'trajectory'}
 
 COMMANDS = {
-    'bag': Command('bag', 'look into, check, hash, recover and export recordings'),
-    'benchmark': Command(
-        'benchmark', 'simulate, run SLAM, and judge: a table over scenarios and sensors'),
-    'calibrate gait': Command(
-        'calibrate', 'measure the map from velocity to gait on flat ground'),
-    'campaign': Command('campaign', 'record a data set of randomised episodes'),
-    'completion': Command('completion', 'print a script that completes commands in a shell'),
-    'dataset': Command('dataset', 'look at, verify and describe a data set that `campaign` made'),
-    'demo': Command('demo', 'record a first drive, check it and draw pictures of it'),
-    'evaluate images': Command(
-        'evaluate_images', 'compare the images of two renderers, cameras or worlds'),
-    'evaluate map': Command(
-        'evaluate_map', 'judge the maps of a recorded drive against its world'),
-    'evaluate trajectory': Command(
-        'evaluate', 'judge an estimated trajectory against the truth; `evaluate` alone does it'),
-    'parameters': Command('parameters', 'list all parameters, by node and section'),
-    'render': Command('render', 'draw single stereo frames with all truth layers'),
-    'rover': Command('rover', 'export the rover as an OpenUSD stage or URDF'),
-    'run': Command('run', 'simulate and record a scenario'),
-    'slam': Command(
-        'slam', 'what SLAM programs need: settings files, vocabularies; running them on bags'),
-    'validate imu': Command(
-        'validate_imu', 'Allan deviation of the IMU at rest against its configured noise'),
-    'validate learning': Command(
-        'validate_learning', 'policies against the packaged gait on hidden seeds'),
-    'validate locomotion': Command(
-        'validate_locomotion',
-        'pitch of the walk against a velocity interface; commands followed'),
-    'validate navigation': Command(
-        'validate_navigation',
-        'goals by what the rover sees, against the true map and a blind route'),
-    'validate odometry': Command(
-        'validate_odometry', 'wheel odometry and its covariance against the true pose'),
-    'validate policy': Command(
-        'validate_policy', 'a policy file against its environment, term by term'),
-    'validate stereo': Command('validate_stereo', 'semi-global matching against true depth'),
-    'validate terramechanics': Command(
-        'validate_terramechanics', 'soft ground against published numbers; walks, slopes, pull'),
-    'validate traverse': Command(
-        'validate_traverse',
-        'drive waypoints over many worlds: tip-overs, slip, cost of transport'),
-    'view': Command('view', "physics alone in MuJoCo's viewer"),
-    'world': Command(
-        'world', 'build, inspect, picture and export terrains; sun and Earth over them'),
+    'bag check': Entry('bag:check', 'whether a bag can be trusted; exits with 1 if not'),
+    'bag export': Entry('bag_export:export', 'write the sequence for SLAM programs or trainers, '
+                        'or the drive as an OpenUSD stage'),
+    'bag hash': Entry('bag:hash_', 'a hash of what the bag says, whatever its storage'),
+    'bag info': Entry('bag:info', 'topics, types, counts and times'),
+    'bag preview': Entry('bag:preview', 'PNG pictures: cameras, their truth, LiDAR, heading, '
+                         'power, trajectory, attitude, IMU'),
+    'bag recover': Entry('bag:recover', 'make a bag readable whose recording was cut off'),
+    'bag video': Entry('bag_video:video', 'a film of the drive: the rover from outside, left '
+                       'image, disparity, pitch and slip'),
+    'bag view': Entry('bag:view', 'play the bag in a browser, without ROS, until Ctrl-C'),
+    'benchmark': Entry('benchmark:benchmark',
+                       'simulate, run SLAM, and judge: a table over scenarios and sensors'),
+    'calibrate gait': Entry('calibrate:gait',
+                            'measure the map from velocity to gait on flat ground'),
+    'campaign': Entry('campaign:campaign', 'record a data set of randomised episodes'),
+    'completion': Entry('main:completion', 'print a script that completes commands in a shell'),
+    'dataset card': Entry('dataset:card', 'write the data card anew: README.md, card.json, '
+                          'episodes.csv, croissant.json'),
+    'dataset shards': Entry('dataset:shards', 'WebDataset shards of all drives, split by world'),
+    'dataset status': Entry('dataset:status', 'how many episodes are finished, failed and '
+                            'missing'),
+    'dataset verify': Entry('dataset:verify', 'compare the episodes with the plan, and every file '
+                            'with the manifests; exits with 1 if anything was changed, deleted, '
+                            'added or renamed'),
+    'demo': Entry('demo:demo', 'record a first drive, check it and draw pictures of it'),
+    'evaluate images': Entry('evaluate_images:images',
+                             'compare the images of two renderers, cameras or worlds'),
+    'evaluate map': Entry('evaluate_map:map_', 'judge the maps of a recorded drive against its '
+                          'world'),
+    'evaluate trajectory': Entry('evaluate:trajectory', 'judge an estimated trajectory against '
+                                 'the truth; `evaluate` alone does it'),
+    'parameters': Entry('parameters:parameters', 'list all parameters, by node and section'),
+    'render': Entry('render:render', 'draw single stereo frames with all truth layers'),
+    'rover export': Entry('rover:export', 'an OpenUSD stage (articulation, drives, cameras) or '
+                          'URDF'),
+    'run': Entry('run:run', 'simulate and record a scenario'),
+    'slam run': Entry('slam:run', 'run a SLAM program on a bag and evaluate its result'),
+    'slam settings': Entry('slam:settings', 'write the settings file of ORB-SLAM3 for a bag or a '
+                           'scenario'),
+    'slam table': Entry('slam:table', 'one table of the parts of a benchmark that ran on several '
+                        'machines'),
+    'slam train-vocabulary': Entry('slam:train_vocabulary', 'train the vocabulary of ORB-SLAM2 '
+                                   'and ORB-SLAM3 on images'),
+    'validate imu': Entry('validate_imu:imu', 'Allan deviation of the IMU at rest against its '
+                          'configured noise'),
+    'validate learning': Entry('validate_learning:learning', 'policies against the packaged gait '
+                               'on hidden seeds'),
+    'validate locomotion': Entry('validate_locomotion:locomotion', 'pitch of the walk against a '
+                                 'velocity interface; commands followed'),
+    'validate navigation': Entry('validate_navigation:navigation', 'goals by what the rover sees, '
+                                 'against the true map and a blind route'),
+    'validate odometry': Entry('validate_odometry:odometry', 'wheel odometry and its covariance '
+                               'against the true pose'),
+    'validate policy': Entry('validate_policy:policy', 'a policy file against its environment, '
+                             'term by term'),
+    'validate stereo': Entry('validate_stereo:stereo', 'semi-global matching against true depth'),
+    'validate terramechanics': Entry('validate_terramechanics:terramechanics',
+                                     'walks on soft ground, slopes and against a pull'),
+    'validate traverse': Entry('validate_traverse:traverse', 'drive waypoints over many worlds: '
+                               'tip-overs, slip, cost of transport'),
+    'view': Entry('view:view', "physics alone in MuJoCo's viewer"),
+    'world build': Entry('world:build', 'make a world folder from a scenario, an elevation model '
+                         'or a mesh'),
+    'world export': Entry('world_export:export', 'a mesh file (GLB, OBJ, PLY), a map (GeoTIFF, '
+                          'GeoJSON) or an OpenUSD stage; the tracks of a recording in a mesh '
+                          'file, or as heights (NPZ)'),
+    'world info': Entry('world:info', 'what a world folder holds; checks its hash'),
+    'world preview': Entry('world:preview', 'maps, statistics and camera views as a PNG'),
+    'world sun': Entry('world_sun:sun', 'sun, Earth and light at a place on the Moon over time'),
 }
 
-# argparse takes `-2` after an option as its value, but `-2,3,240` as an option.
-_NEGATIVE_LIST = re.compile(r'-\.?\d[^,]*,')
+
+class Commands(click.Group):
+    """The commands whose names begin with those of a group; all of them with none."""
+
+    def __init__(self, group: str = '', **options: Any) -> None:
+        super().__init__(group or NAME, no_args_is_help=False, subcommand_metavar='COMMAND ...',
+                         **options)
+        self.begin = f'{group} ' if group else ''
+
+    def list_commands(self, _context: click.Context) -> list[str]:
+        """Return the first words of the names."""
+        return sorted({name.removeprefix(self.begin).split()[0] for name in COMMANDS
+                       if name.startswith(self.begin)})
+
+    def get_command(self, _context: click.Context, word: str) -> click.Command | None:
+        """Return a group, or what help and completion say of a command without its import."""
+        name = self.begin + word
+        if name in GROUPS:
+            return Commands(name, help=GROUPS[name], short_help=GROUPS[name])
+        return click.Command(word, short_help=COMMANDS[name].help) if name in COMMANDS else None
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Show the help without arguments; put in the default member of a group."""
+        if not args and not ctx.resilient_parsing:
+            print(ctx.get_help(), file=sys.stderr)
+            ctx.exit(2)
+        default = DEFAULTS.get(self.begin.strip())
+        if default and args and args[0] not in (*self.list_commands(ctx), '-h', '--help'):
+            args = [default, *args]
+        return super().parse_args(ctx, args)
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[
+            str | None, click.Command | None, list[str]]:
+        """Import the command that the first argument names.
+
+        Raises:
+            ConfigError: If there is none; it offers the nearest ones.
+        """
+        found = self.get_command(ctx, args[0])
+        name = self.begin + args[0]
+        if found is None and not ctx.resilient_parsing:
+            known = [self.begin + word for word in self.list_commands(ctx)]
+            raise ConfigError(f'{name}: no such command; '
+                              + (did_you_mean(name, known) or f'see {ctx.command_path} --help'))
+        return args[0], load(name) if name in COMMANDS else found, args[1:]
 
 
-class _Parser(argparse.ArgumentParser):
-    """Offers the nearest valid word for a mistyped one; so do the parsers of its commands."""
-
-    def error(self, message: str) -> NoReturn:
-        found = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message)
-        hint = did_you_mean(found[1], re.findall(r'[\w-]+', found[2])) if found else ''
-        super().error(f'{message}; {hint}' if hint else message)
-
-
-def parser(declared: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
-    """Return the parser of the command line.
-
-    It knows all commands, but only the `declared` ones are imported and have arguments.
-    """
-    root = _Parser(
-        prog='lunar_rover_sim', formatter_class=HelpFormatter,
-        description='A spoke-leg micro rover on the Moon: walk, stereo images, rosbag2.')
-    root.add_argument('--version', action='version', version=__version__)
-    root.add_argument('-v', '--verbose', action='store_true', help='log what is going on')
-    subparsers = root.add_subparsers(metavar='COMMAND', required=True)
-    groups = {name: subparsers.add_parser(
-        name, help=text, description=text, formatter_class=HelpFormatter).add_subparsers(
-            metavar='WHAT', required=True) for name, text in GROUPS.items()}
-    for name, command in COMMANDS.items():
-        group, _, member = name.rpartition(' ')
-        one = groups.get(group, subparsers).add_parser(
-            member, help=command.help, description=command.help, formatter_class=HelpFormatter)
-        if name in declared:
-            module = importlib.import_module(f'lunar_rover_sim.cli.{command.module}')
-            module.add_arguments(one)
-            if hasattr(module, 'run'):
-                one.set_defaults(run=module.run)
-    return root
-
-
-def parse(argv: Sequence[str]) -> argparse.Namespace:
-    """Return the arguments of a command line; `run` is the function of the chosen command.
-
-    Where it has an `output`, `check_output` is the function that refuses what cannot be written.
-    """
-    words: list[str] = []
-    for word in argv:
-        if _NEGATIVE_LIST.match(word) and words and re.fullmatch('--[^=]+', words[-1]):
-            words[-1] += f'={word}'
-        else:
-            words.append(word)
-    words = _with_default(words)
-    names = [word for word in words if not word.startswith('-')]
-    _check_command(names)
-    chosen = {' '.join(names[:count]) for count in (1, 2)}
-    return parser(chosen).parse_args(words)
-
-
-def _with_default(words: list[str]) -> list[str]:
-    """Return the words with the default member of a group where none is named."""
-    first = next((k for k, word in enumerate(words) if not word.startswith('-')), len(words))
-    rest = words[first + 1:]
-    if first == len(words) or words[first] not in DEFAULTS or not rest:
-        return words
-    if f'{words[first]} {rest[0]}' in COMMANDS or rest[0] in ('-h', '--help'):
-        return words
-    return [*words[:first + 1], DEFAULTS[words[first]], *rest]
-
-
-def _check_command(names: Sequence[str]) -> None:
-    """Raise ConfigError, which offers the nearest commands, if there is no such command."""
-    known = {name for command in COMMANDS for name in (command, command.split()[0])}
-    count = 2 if names and names[0] in GROUPS else 1
-    name = ' '.join(names[:count])
-    if name and name not in known:
-        hint = did_you_mean(name, sorted(known)) or 'see lunar_rover_sim --help'
-        raise ConfigError(f'{name}: no such command; {hint}')
+def load(name: str) -> click.Command:
+    """Import a command."""
+    module, _, attribute = COMMANDS[name].where.partition(':')
+    found: click.Command = getattr(importlib.import_module(f'lunar_rover_sim.cli.{module}'),
+                                   attribute)
+    return found
 
 
 def configure_logging(verbose: bool) -> None:
     """Log to stderr: the warnings of this package, or with `verbose` all, also of libraries."""
+    import logging  # not for help, which is quick
     handler = logging.StreamHandler()
     if not verbose:
         handler.addFilter(logging.Filter('lunar_rover_sim'))
@@ -165,27 +174,65 @@ def configure_logging(verbose: bool) -> None:
                         format='%(levelname)s %(name)s: %(message)s')
     # An error in a callback of a library, such as that of rasterio for texts of GDAL that are not
     # UTF-8: Python would print its traceback.
-    sys.unraisablehook = lambda failed: logger.info('%s', failed.err_msg or 'in a callback',
-                                                    exc_info=failed.exc_value)
+    sys.unraisablehook = lambda failed: logging.getLogger('lunar_rover_sim.cli').info(
+        '%s', failed.err_msg or 'in a callback', exc_info=failed.exc_value)
+
+
+def root() -> Commands:
+    """Return the whole command line."""
+    verbose = click.Option(['-v', '--verbose'], is_flag=True, help='log what is going on')
+    return click.version_option(__version__, message='%(version)s')(Commands(
+        help='A spoke-leg micro rover on the Moon: walk, stereo images, rosbag2.',
+        params=[verbose], callback=configure_logging, context_settings={
+            'help_option_names': ['-h', '--help'], 'max_content_width': 100,
+            'show_default': True}))
+
+
+@click.command()
+@click.argument('shell', type=click.Choice(('bash', 'zsh')))
+def completion(shell: str) -> None:
+    """Print the completion script of a shell.
+
+    For bash: lunar_rover_sim completion bash >
+    ~/.local/share/bash-completion/completions/lunar_rover_sim. For zsh: write it to a file
+    _lunar_rover_sim in a folder of $fpath.
+    """
+    from click.shell_completion import BashComplete, ZshComplete
+    kind = {'bash': BashComplete, 'zsh': ZshComplete}[shell]
+    print(kind(root(), {}, NAME, _COMPLETE).source())
 
 
 def execute(argv: Sequence[str]) -> int:
     """Run one command; return its exit status. What goes wrong is raised; `main` prints it."""
-    arguments = parse(argv)
-    configure_logging(arguments.verbose)
-    if getattr(arguments, 'output', None) is not None:
-        arguments.check_output(arguments.output)
-    return arguments.run(arguments)
+    try:
+        with root().make_context(NAME, list(argv)) as context:
+            return context.command.invoke(context) or 0
+    except click.exceptions.Exit as end:    # after --help or --version
+        return end.exit_code
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; return the exit status: 0, 1 after an error, 130 after Ctrl-C."""
+    """Run one command.
+
+    Returns:
+        The exit status: 0, 1 after an error, 2 for arguments that no command takes, 130 after
+        Ctrl-C.
+    """
     try:
         check_open_files()
+        if instruction := os.environ.get(_COMPLETE):
+            from click.shell_completion import shell_complete  # only here it is needed
+            return shell_complete(root(), {}, NAME, _COMPLETE, instruction)
         return execute(sys.argv[1:] if argv is None else argv)
     except LunarRoverSimError as error:
-        print(f'lunar_rover_sim: {error}', file=sys.stderr)
+        print(f'{NAME}: {error}', file=sys.stderr)
         return 1
+    except click.UsageError as error:
+        where = error.ctx.command_path if error.ctx else NAME
+        text = one_line(error.format_message())
+        print(f'{NAME}: {text}{"" if text[-1] in ".?" else "."} See {where} --help',
+              file=sys.stderr)
+        return error.exit_code
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
@@ -194,8 +241,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     except (OSError, MemoryError) as error:
         # A file or a resource of the machine, whichever part of a command needed it.
-        logger.info('where it was needed', exc_info=True)
-        print(f'lunar_rover_sim: {_in_words(error)}', file=sys.stderr)
+        import logging
+        logging.getLogger('lunar_rover_sim.cli').info('where it was needed', exc_info=True)
+        print(f'{NAME}: {_in_words(error)}', file=sys.stderr)
         return 1
 
 

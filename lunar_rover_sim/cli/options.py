@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+import contextlib
+import functools
+import itertools
 import json
 import math
 import os
@@ -11,150 +13,249 @@ from pathlib import Path
 import re
 from typing import Any
 
-from lunar_rover_sim.base.errors import ConfigError
+import click
+from click.shell_completion import CompletionItem
+
+from lunar_rover_sim.base.errors import ConfigError, nearest
 from lunar_rover_sim.base.files.paths import (check_folder, check_new_folder, packaged_names,
                                               recorded_bag)
-from lunar_rover_sim.cli.help_format import HelpFormatter
 
+Function = Callable[..., Any]
+Decorator = Callable[[Function], Function]
 Check = Callable[[Path], None]
-Run = Callable[[argparse.Namespace], int]
+PATH = click.Path(path_type=Path, readable=False)   # what cannot be read is told later
+_NUMBER = re.compile(r'-\.?\d')
 _OF_SCENARIO = 'NODE.PARAM=VALUE'
 # A quarter of the pixels.
 FAST = ('render_node.camera.width=320', 'render_node.camera.height=240')
 
 
-def add_action(actions: Any, name: str, text: str, run: Run,
-               description: str = '') -> argparse.ArgumentParser:
-    """Declare a command below another one.
+class Command(click.Command):
+    """A command whose options of several values take them one after the other."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read `--seeds 1 2` as `--seeds 1 --seeds 2`."""
+        several = {name: option for option in self.params if isinstance(option, _Several)
+                   for name in option.opts}
+        return super().parse_args(ctx, list(_one_by_one(args, several)))
+
+
+def _one_by_one(args: Sequence[str], several: dict[str, _Several]) -> Iterator[str]:
+    left = list(args)
+    while left:
+        word = left.pop(0)
+        if word not in several:
+            yield word
+            continue
+        values = list(itertools.takewhile(
+            lambda next_word: not next_word.startswith('-') or _NUMBER.match(next_word), left))
+        del left[:len(values)]
+        if not values:
+            if not several[word].none:
+                raise click.BadOptionUsage(word, f'Option {word!r} requires an argument.')
+            yield from (word, '')
+        for value in values:
+            yield from (word, value)
+
+
+class _Several(click.Option):
+    """An option with several values, or with `none` without any."""
+
+    def __init__(self, *args: Any, none: bool, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.none = none
+
+    def process_value(self, ctx: click.Context, value: Any) -> Any:
+        """Leave out the word that stands for no value."""
+        found = super().process_value(ctx, value)
+        return tuple(one for one in found if one != '') if self.none else found
+
+
+class _Argument(click.Argument):
+    """A positional argument with a help text."""
+
+    def __init__(self, *args: Any, help: str, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.meaning = help
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str]:
+        """Return how it is written and what it means."""
+        return self.make_metavar(ctx), self.meaning
+
+
+class Choice(click.Choice[str]):
+    """One of several words; for another one the nearest is offered."""
+
+    def convert(self, value: Any, param: click.Parameter | None,
+                ctx: click.Context | None) -> str:
+        """Return the word."""
+        if value not in self.choices:
+            self.fail(f'{value!r} is not valid; {nearest(str(value), self.choices)}', param, ctx)
+        return str(value)
+
+
+def command(help: str | None = None, scenarios: bool = False) -> Callable[..., click.Command]:
+    """Declare a command.
 
     Args:
-        actions: What `add_subparsers` returned.
-        name: Word of the command.
-        text: One line of help.
-        run: Function of the command.
-        description: Of the command; by default the line of help.
+        help: What it does; by default the docstring of the function.
+        scenarios: Whether the help ends with the names of the packaged scenarios.
     """
-    parser: argparse.ArgumentParser = actions.add_parser(
-        name, help=text, description=description or text, formatter_class=HelpFormatter)
-    parser.set_defaults(run=run)
-    return parser
+    epilog = None
+    if scenarios:
+        with contextlib.suppress(ConfigError):  # a damaged installation; running it says so
+            epilog = f'Packaged scenarios: {", ".join(packaged_names("scenario"))}'
+    return click.command(cls=Command, help=help, epilog=epilog)
 
 
-def add_scenario(parser: argparse.ArgumentParser, default: str | None = None,
-                 several: bool = False) -> None:
-    """Declare a scenario, or several, and list the packaged ones at the end of the help."""
-    meaning = 'name of a packaged scenario, or a YAML file'
-    if several:
-        parser.add_argument('scenarios', nargs='+', metavar='SCENARIO', help=meaning)
-    elif default is None:
-        parser.add_argument('scenario', metavar='SCENARIO', help=meaning)
-    else:
-        parser.add_argument('scenario', nargs='?', default=default, metavar='SCENARIO',
-                            help=f'{meaning} (default: %(default)s)')
-    try:
-        names = packaged_names('scenario')
-    except ConfigError:     # the installation is damaged; running the command says so
-        return
-    parser.epilog = f'packaged scenarios: {", ".join(names)}'
+def argument(name: str, help: str, **kwargs: Any) -> Decorator:
+    """Declare a positional argument; more of click's `argument` as keywords."""
+    return click.argument(name, cls=_Argument, help=help, **kwargs)
 
 
-def add_scenario_option(parser: Any, help: str) -> None:
+def several(name: str, default: Iterable[Any], none: bool = False, **kwargs: Any) -> Decorator:
+    """Declare an option that takes several values.
+
+    Args:
+        name: Of the option.
+        default: Values without the option.
+        none: Whether the option alone, without a value, is valid.
+        **kwargs: More of click's `option`.
+    """
+    return click.option(name, cls=_Several, none=none, multiple=True, default=tuple(default),
+                        **kwargs)
+
+
+def not_both(**given: Any) -> None:
+    """Raise UsageError if more than one of some options are given; `x_y` stands for --x-y."""
+    names = ['--' + name.replace('_', '-') for name, value in given.items() if value is not None]
+    if len(names) > 1:
+        raise click.UsageError(f'{", ".join(names)}: both are given; valid is one of them')
+
+
+def _scenarios(_context: click.Context, _param: click.Parameter,
+               begin: str) -> list[CompletionItem]:
+    names = [name for name in packaged_names('scenario') if name.startswith(begin)]
+    return [CompletionItem(name) for name in names] or [CompletionItem(begin, type='file')]
+
+
+def scenario(default: str | None = None, many: bool = False,
+             help: str = 'name of a packaged scenario, or a YAML file') -> Decorator:
+    """Declare a scenario, or with `many` `scenarios`."""
+    if default is not None:
+        help += f'  [default: {default}]'
+    return argument('scenarios' if many else 'scenario', help, nargs=-1 if many else 1,
+                    metavar=('[SCENARIO]' if default else 'SCENARIO') + ('...' if many else ''),
+                    required=default is None, shell_complete=_scenarios,
+                    default=(default,) if many and default else default)
+
+
+def scenario_option(help: str) -> Decorator:
     """Declare the scenario from which an export takes what the file lacks."""
-    parser.add_argument('--scenario', metavar='NAME_OR_PATH', help=help)
+    return click.option('--scenario', metavar='NAME_OR_PATH', help=help, shell_complete=_scenarios)
 
 
-def add_overrides(parser: argparse.ArgumentParser, metavar: str = _OF_SCENARIO,
-                  help: str = 'set a parameter; see `lunar_rover_sim parameters`') -> None:
-    """Declare --set and, for parameters of a scenario, --rover."""
-    parser.add_argument('--set', action='append', default=[], metavar=metavar, dest='overrides',
-                        help=f'{help}; may be repeated')
-    if metavar == _OF_SCENARIO:
-        parser.add_argument('--rover', action='append', type=_rover_override, dest='overrides',
-                            metavar='NAME_OR_PATH', default=[],
-                            help='a packaged rover, quad or hexapod, or a rover file')
+def _parameters(_context: click.Context, _param: click.Parameter,
+                begin: str) -> list[CompletionItem]:
+    from lunar_rover_sim.cli.parameters import parameter_names  # it imports this module
+    return [CompletionItem(f'{name}=') for name in parameter_names() if name.startswith(begin)]
 
 
-def add_fast(parser: argparse.ArgumentParser) -> None:
-    """Declare --fast; `with_fast` gives the parameters that it sets."""
-    parser.add_argument('--fast', action='store_true', help='for a first look: '
-                        + ', '.join(FAST) + '; --set goes before')
+def overrides(metavar: str = _OF_SCENARIO, fast: bool = False,
+              help: str = 'set a parameter; see `lunar_rover_sim parameters`') -> Decorator:
+    """Declare --set and, for parameters of a scenario, --rover, and with `fast` --fast.
+
+    The command gets all of them as `overrides`, in the order in which they count.
+    """
+    rover = metavar == _OF_SCENARIO
+
+    def decorate(function: Function) -> Function:
+        @functools.wraps(function)
+        def with_overrides(**given: Any) -> Any:
+            chosen = [*(FAST if given.pop('fast', False) else ()), *given.pop('overrides')]
+            if (name := given.pop('rover', None)) is not None:
+                chosen.append(f'rover={json.dumps(name)}')
+            return function(overrides=chosen, **given)
+
+        found: Function = with_overrides
+        if rover:
+            found = click.option('--rover', metavar='NAME_OR_PATH', help='a packaged rover, quad '
+                                 'or hexapod, or a rover file')(found)
+        found = click.option('--set', 'overrides', multiple=True, metavar=metavar,
+                             help=f'{help}; may be repeated', shell_complete=_parameters)(found)
+        return fast_option(found) if fast else found
+    return decorate
 
 
-def with_fast(args: argparse.Namespace) -> list[str]:
-    """Return the parameters that --fast and --set set, in the order in which they count."""
-    return [*(FAST if args.fast else ()), *args.overrides]
+def fast_option(function: Function) -> Function:
+    """Declare --fast."""
+    return click.option('--fast', is_flag=True, help='for a first look: ' + ', '.join(FAST)
+                        + '; --set goes before')(function)
 
 
-def _rover_override(name: str) -> str:
-    """Return the --set that a --rover means."""
-    return f'rover={json.dumps(name)}'
-
-
-def add_seed(parser: argparse.ArgumentParser, default: int | None = None,
-             help: str = 'seed of everything random') -> None:
+def seed(default: int | None = None, help: str = 'seed of everything random') -> Decorator:
     """Declare --seed."""
-    parser.add_argument('--seed', type=int, default=default, metavar='N',
-                        help=help + ('' if default is None else ' (default: %(default)s)'))
+    return click.option('--seed', type=int, default=default, metavar='N', help=help)
 
 
-def add_bag(parser: argparse.ArgumentParser, help: str = 'a bag, or the folder of a run') -> None:
+def bag(help: str = 'a bag, or the folder of a run') -> Decorator:
     """Declare the bag that a command reads."""
-    parser.add_argument('bag', type=recorded_bag, metavar='BAG', help=help)
+    return argument('bag', help, type=PATH, metavar='BAG',
+                    callback=lambda _context, _param, path: recorded_bag(path))
 
 
-def add_world(parser: Any, help: str = "a world made by `world build`, instead of the scenario's "
-                                       'own') -> None:
+def world(help: str = "a world made by `world build`, instead of the scenario's own",
+          metavar: str = 'DIR') -> Decorator:
     """Declare --world."""
-    parser.add_argument('--world', type=Path, metavar='DIR', help=help)
+    return click.option('--world', type=PATH, metavar=metavar, help=help)
 
 
-def add_recorded_world(parser: Any) -> None:
+def recorded_world(prefix: str = '') -> Decorator:
     """Declare the world of a recording."""
-    add_world(parser, 'the world that was driven on, where it is not in the cache')
+    return world(prefix + 'the world that was driven on, where it is not in the cache')
 
 
-def add_output(parser: argparse.ArgumentParser, check: Check, metavar: str, help: str,
-               default: str | None = None, required: bool = True) -> None:
+def output(check: Check, metavar: str, help: str, default: str | None = None,
+           required: bool = True) -> Decorator:
     """Declare -o.
 
     Args:
-        parser: Of the command.
         check: Raises ConfigError, before anything is computed, for what cannot be written.
         metavar: DIR, FILE or PATH.
         help: What is written.
         default: File or folder that is written without the option.
         required: Whether the option must be given, where there is no default.
     """
-    parser.add_argument('-o', '--output', type=Path, metavar=metavar,
-                        required=required and default is None,
-                        default=None if default is None else Path(default),
-                        help=help + ('' if default is None else ' (default: %(default)s)'))
-    parser.set_defaults(check_output=check)
+    def checked(_context: click.Context, _param: click.Parameter, path: Path | None) -> Any:
+        if path is not None:
+            check(path)
+        return path
+
+    given = {'required': required} if default is None else {'default': default}
+    return click.option('-o', '--output', type=PATH, metavar=metavar, help=help, callback=checked,
+                        **given)
 
 
-def add_allowed_origins(parser: argparse.ArgumentParser) -> None:
+def allowed_origins(function: Function) -> Function:
     """Declare which pages may connect to a live view."""
-    parser.add_argument('--allow-origin', action='append', default=[], metavar='ORIGIN',
-                        help='let a page of another site connect to the view, with the token of '
-                        'its address: https://app.foxglove.dev; may be given several times')
+    return click.option('--allow-origin', multiple=True, metavar='ORIGIN', help='let a page of '
+                        'another site connect to the view, with the token of its address: '
+                        'https://app.foxglove.dev; may be given several times')(function)
 
 
-def add_new_folder(parser: argparse.ArgumentParser, help: str, default: str | None = None,
-                   required: bool = True) -> None:
+def new_folder(help: str, default: str | None = None, required: bool = True) -> Decorator:
     """Declare -o for a folder that must not exist."""
-    add_output(parser, check_new_folder, 'DIR', f'{help}; must not exist', default, required)
+    return output(check_new_folder, 'DIR', f'{help}; must not exist', default, required)
 
 
-def add_folder(parser: argparse.ArgumentParser, help: str, default: str | None = None,
-               required: bool = True) -> None:
+def folder(help: str, default: str | None = None, required: bool = True) -> Decorator:
     """Declare -o for a folder that may exist."""
-    add_output(parser, check_folder, 'DIR', help, default, required)
+    return output(check_folder, 'DIR', help, default, required)
 
 
-def add_overwrite(parser: Any, what: str = 'an existing file') -> None:
+def overwrite(what: str = 'an existing file') -> Decorator:
     """Declare --overwrite; --force means the same."""
-    parser.add_argument('--overwrite', action='store_true', help=f'replace {what}')
-    parser.add_argument('--force', action='store_true', dest='overwrite', help=argparse.SUPPRESS)
+    return click.option('--overwrite', '--force', is_flag=True, help=f'replace {what}')
 
 
 def refuse_existing(path: Path, overwrite: bool = False, option: bool = True) -> None:
@@ -170,49 +271,47 @@ def refuse_existing(path: Path, overwrite: bool = False, option: bool = True) ->
                           + (' or say --overwrite' if option else ''))
 
 
-def add_workers(parser: argparse.ArgumentParser, help: str, default: int | None = 1) -> None:
+def workers(help: str, default: int | None = 1) -> Decorator:
     """Declare --workers; --jobs means the same. None as the default: one per core."""
-    count = os.cpu_count() or 1 if default is None else default
-    shown = 'one per core' if default is None else str(default)
-    convert = number('--workers', 1, kind=int)
-    parser.add_argument('--workers', type=convert, default=count, metavar='N',
-                        help=f'{help} (default: {shown})')
-    parser.add_argument('--jobs', type=convert, dest='workers', default=count,
-                        help=argparse.SUPPRESS)
+    shown: Any = '1 per core' if default is None else True
+    return click.option('--workers', '--jobs', type=number('--workers', 1, kind=int), metavar='N',
+                        default=default or os.cpu_count() or 1, show_default=shown, help=help)
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
+def resume(what: str) -> Decorator:
+    """Declare --resume."""
+    return click.option('--resume', is_flag=True,
+                        help=f'go on with an interrupted study: finished {what} are kept')
+
+
+def as_json(function: Function) -> Function:
     """Declare --json."""
-    parser.add_argument('--json', action='store_true',
-                        help='print the result as JSON, and nothing else, to stdout')
+    return click.option('--json', 'as_json', is_flag=True,
+                        help='print the result as JSON, and nothing else, to stdout')(function)
 
 
-def add_number(parser: Any, name: str, low: float, high: float = math.inf, *, help: str,
-               default: float | None = None, metavar: str = 'N', unit: str = '',
-               above: bool = False, kind: type = float, **options: Any) -> None:
-    """Declare an option that is a number within bounds, or a list of such numbers.
+def bounded(name: str, low: float, high: float = math.inf, *, help: str, metavar: str = 'N',
+            unit: str = '', above: bool = False, kind: type = float,
+            **kwargs: Any) -> Decorator:
+    """Declare an option that is a number within bounds.
 
     Args:
-        parser: Of the command, or a group of its options.
         name: Of the option, `--duration`.
         low: Smallest valid value.
         high: Largest valid value.
-        help: Meaning; unit and default are added.
-        default: Value without the option.
+        help: Meaning; the unit is added.
         metavar: Stands for the value.
         unit: Of the value, for example 's'.
         above: Whether `low` itself is not valid.
         kind: int or float.
-        **options: Of `add_argument`.
+        **kwargs: More of click's `option`.
     """
-    shown = '' if default is None else ' (default: %(default)s)'
-    parser.add_argument(name, type=number(name, low, high, unit, above, kind), default=default,
-                        metavar=metavar, help=help + (f' [{unit}]' if unit else '') + shown,
-                        **options)
+    return click.option(name, type=number(name, low, high, unit, above, kind), metavar=metavar,
+                        help=help + (f' [{unit}]' if unit else ''), **kwargs)
 
 
 def place(text: str) -> tuple[float, float]:
-    """Return the place that `X,Y` names [m], for argparse; raise ConfigError for anything else."""
+    """Return the place that `X,Y` names [m]; raise ConfigError for anything else."""
     try:
         x, y = (float(part) for part in text.split(','))
     except ValueError:
@@ -223,8 +322,8 @@ def place(text: str) -> tuple[float, float]:
 
 
 def number(name: str, low: float, high: float = math.inf, unit: str = '', above: bool = False,
-           kind: type = float) -> Callable[[str], Any]:
-    """Return what turns the text of an option into a number within bounds, for argparse.
+           kind: type = float) -> Callable[[Any], Any]:
+    """Return what turns the text of an option into a number within bounds.
 
     Raises:
         ConfigError: The number is out of bounds. The conversion raises it.
@@ -232,12 +331,12 @@ def number(name: str, low: float, high: float = math.inf, unit: str = '', above:
     bounds = f'{">" if above else ">="} {low:g}' if high == math.inf else f'{low:g} to {high:g}'
     bounds += f' [{unit}]' if unit else ''
 
-    def convert(text: str) -> Any:
+    def convert(text: Any) -> Any:
         try:
             value = kind(text)
         except ValueError:
             word = 'a whole number' if kind is int else 'a number'
-            raise argparse.ArgumentTypeError(f'{text!r} is not {word}') from None
+            raise click.BadParameter(f'{text!r} is not {word}') from None
         if not low <= value <= high or (above and value == low) or not math.isfinite(value):
             shown = str(value) if kind is int else f'{value:g}'
             raise ConfigError(f'{name}: {shown} is not valid; valid is {bounds}')
@@ -246,7 +345,7 @@ def number(name: str, low: float, high: float = math.inf, unit: str = '', above:
 
 
 def numbers(*counts: int) -> Callable[[str], tuple[float, ...]]:
-    """Return what turns text into finite numbers, with commas or blanks between, for argparse.
+    """Return what turns text into finite numbers, with commas or blanks between.
 
     Args:
         *counts: The valid numbers of numbers.
@@ -255,19 +354,25 @@ def numbers(*counts: int) -> Callable[[str], tuple[float, ...]]:
         try:
             values = tuple(float(part) for part in re.split(r'[,\s]+', text.strip()))
         except ValueError:
-            raise argparse.ArgumentTypeError(f'{text!r} is not a list of numbers') from None
+            raise click.BadParameter(f'{text!r} is not a list of numbers') from None
         if not all(map(math.isfinite, values)):
-            raise argparse.ArgumentTypeError(f'{text!r} is not valid; valid is finite numbers')
+            raise click.BadParameter(f'{text!r} is not valid; valid is finite numbers')
         if len(values) not in counts:
             wanted = ' or '.join(map(str, counts))
-            raise argparse.ArgumentTypeError(f'{text!r} is not {wanted} numbers')
+            raise click.BadParameter(f'{text!r} is not {wanted} numbers')
         return values
     return convert
 
 
-def checked_sun(sun: tuple[float, float]) -> tuple[float, float]:
+def sun(prefix: str = '', default: tuple[float, float] | None = None) -> Decorator:
+    """Declare --sun; `checked_sun` says whether it is valid."""
+    return click.option('--sun', nargs=2, type=float, default=default, metavar='AZIMUTH ELEVATION',
+                        help=prefix + '[deg] from east towards north, above the horizontal')
+
+
+def checked_sun(given: tuple[float, float]) -> tuple[float, float]:
     """Return azimuth and elevation [deg] of --sun; raise ConfigError if they are not valid."""
-    azimuth, elevation = sun
+    azimuth, elevation = given
     if not (-360.0 <= azimuth <= 360.0 and -1.0 <= elevation <= 90.0):
         raise ConfigError(f'--sun: {azimuth:g} {elevation:g} is not valid; valid are an azimuth '
                           'of -360 to 360 and an elevation of -1 to 90 [deg]')

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 import textwrap
 from typing import NamedTuple
+
+import click
+from click.shell_completion import CompletionItem
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.results import markdown_table
 from lunar_rover_sim.base.parameters import nearest
-from lunar_rover_sim.cli.terminal import console, say
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.terminal import console
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.node_config import NODE_CONFIGS
@@ -29,37 +32,42 @@ class Row(NamedTuple):
 Sections = dict[str, list[Row]]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.description = ('List the parameters of a scenario: name, default, what is valid and '
-                          'unit, then the meaning. `--set NAME=VALUE` of other commands sets one.')
-    parser.add_argument('section', nargs='?',
-                        help='a node, world, rover or run, or a part of it such as '
-                             'render_node.sun; all by default')
-    parser.add_argument('--search', metavar='TEXT',
-                        help='only parameters with this text in their name or meaning')
-    parser.add_argument('--markdown', action='store_true', help='as Markdown tables')
+def _begun(_context: click.Context, _param: click.Parameter, begin: str) -> list[CompletionItem]:
+    parts = {'.'.join(name.split('.')[:count]) for name in parameter_names()
+             for count in range(1, name.count('.') + 1)}
+    return [CompletionItem(part) for part in sorted(parts) if part.startswith(begin)]
 
 
-def run(args: argparse.Namespace) -> int:
-    """Print the parameters."""
+@options.command()
+@options.argument('section', 'a node, world, rover or run, or a part of it such as '
+                  'render_node.sun; all by default', required=False, metavar='[SECTION]',
+                  shell_complete=_begun)
+@click.option('--search', metavar='TEXT',
+              help='only parameters with this text in their name or meaning')
+@click.option('--markdown', 'as_markdown', is_flag=True, help='as Markdown tables')
+def parameters(section: str | None, search: str | None, as_markdown: bool) -> int:
+    """List the parameters of a scenario.
+
+    A line has name, default, what is valid and unit; the meaning follows. `--set NAME=VALUE` of
+    other commands sets one.
+    """
     sections = _sections()
-    if args.section is not None:
-        sections = _part(sections, args.section)
-    if args.search is not None:
-        sections = _found(sections, args.search)
-    if args.markdown:
-        say(markdown(sections))
+    if section is not None:
+        sections = _part(sections, section)
+    if search is not None:
+        sections = _found(sections, search)
+    if as_markdown:
+        print(markdown(sections))
         return 0
     width = console().width
-    for section, rows in sections.items():
+    for name, rows in sections.items():
         for row in rows:
-            name = row.name if section == SHARED else f'{section}.{row.name}'
-            for text, indent in ((f'{name} = {row.default}, {row.valid}', ''),
+            full = row.name if name == SHARED else f'{name}.{row.name}'
+            for text, indent in ((f'{full} = {row.default}, {row.valid}', ''),
                                  (row.meaning, '    ')):
-                say(textwrap.fill(text, width, initial_indent=indent,
-                                  subsequent_indent=indent or '        ',
-                                  break_long_words=False, break_on_hyphens=False))
+                print(textwrap.fill(text, width, initial_indent=indent,
+                                    subsequent_indent=indent or '        ',
+                                    break_long_words=False, break_on_hyphens=False))
     return 0
 
 

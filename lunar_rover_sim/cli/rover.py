@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
+
+import click
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.atomic import atomic_write
@@ -16,43 +17,34 @@ from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
 from lunar_rover_sim.run.scenario import Scenario
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the commands."""
-    actions = parser.add_subparsers(metavar='ACTION', required=True)
-    export = options.add_action(actions, 'export', 'an OpenUSD stage (articulation, drives, '
-                                'cameras) or URDF', run_export)
-    export.add_argument('rover', nargs='?', type=Path, metavar='ROVER',
-                        help='rover description, YAML (default: that of the scenario, else the '
-                             'packaged one)')
-    options.add_output(export, check_file, 'FILE', 'file to write; its suffix says the format: '
-                       '.usd, .usda, .usdc, .usdz or .urdf')
-    options.add_scenario_option(export, 'where rover, cameras and friction are from (default: '
-                                'their defaults)')
-    export.add_argument('--name', metavar='NAME', help='of the default prim (default: Rover)')
-    options.add_overwrite(export)
-
-
-def run_export(args: argparse.Namespace) -> int:
-    """Write the rover."""
-    scenario = Scenario.load(args.scenario) if args.scenario else None
-    rover = scenario.rover if scenario and args.rover is None else load_rover(args.rover)
-    output = args.output
+@options.command()
+@options.argument('rover', 'rover description, YAML (default: that of the scenario, else the '
+                  'packaged one)', required=False, type=options.PATH, metavar='[ROVER]')
+@options.output(check_file, 'FILE', 'file to write; its suffix says the format: .usd, .usda, '
+                '.usdc, .usdz or .urdf')
+@options.scenario_option('where rover, cameras and friction are from (default: their defaults)')
+@click.option('--name', metavar='NAME', help='of the default prim (default: Rover)')
+@options.overwrite()
+def export(rover: Path | None, output: Path, scenario: str | None, name: str | None,
+           overwrite: bool) -> int:
+    """Write an OpenUSD stage (articulation, drives, cameras) or URDF of the rover."""
+    loaded = Scenario.load(scenario) if scenario else None
+    made = loaded.rover if loaded and rover is None else load_rover(rover)
     if is_stage(output):
         # Here, because OpenUSD is an optional dependency.
         from lunar_rover_sim.products.usd.rover_stage import write_rover
-        render = scenario.render_node if scenario else RenderNodeConfig()
-        physics = scenario.physics_node if scenario else PhysicsNodeConfig()
-        write_rover(rover, output, camera=render.camera, sensor=render.sensor,
+        render = loaded.render_node if loaded else RenderNodeConfig()
+        physics = loaded.physics_node if loaded else PhysicsNodeConfig()
+        write_rover(made, output, camera=render.camera, sensor=render.sensor,
                     friction=physics.contact.sliding_friction,
-                    name=args.name if args.name is not None else 'Rover',
-                    overwrite=args.overwrite)
+                    name='Rover' if name is None else name, overwrite=overwrite)
     elif output.suffix.lower() == '.urdf':
-        if args.name:
+        if name:
             raise ConfigError(f'--name: is for stages, and {output} is none')
-        options.refuse_existing(output, args.overwrite)
-        atomic_write(output, urdf(rover), ConfigError)
+        options.refuse_existing(output, overwrite)
+        atomic_write(output, urdf(made), ConfigError)
     else:
         raise ConfigError(f'{output}: {output.suffix or "no suffix"} is not valid; valid are '
                           f'{", ".join(SUFFIXES)} and .urdf')
-    print(f'{output}: {rover.total_mass_kg:g} kg, {stage_bytes(output) / 1e3:.0f} kB')
+    print(f'{output}: {made.total_mass_kg:g} kg, {stage_bytes(output) / 1e3:.0f} kB')
     return 0

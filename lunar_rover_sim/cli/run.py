@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import dataclasses
+from pathlib import Path
 import signal
 import time
+
+import click
 
 from lunar_rover_sim.autonomy.path_following.config import SHAPES
 from lunar_rover_sim.base.errors import ConfigError
@@ -26,94 +28,87 @@ from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.run.shared_config import REAL_TIME
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.description = 'Simulate a scenario with all its nodes and record it to rosbag2.'
-    options.add_scenario(parser)
-    options.add_new_folder(parser, 'folder for bag, resolved scenario and logs')
-    parser.add_argument('--duration', type=float, metavar='S', help='simulated time [s]')
-    options.add_seed(parser)
-    options.add_fast(parser)
-    parser.add_argument('--real-time', action='store_true',
-                        help='follow the wall clock instead of waiting for answers')
-    options.add_world(parser)
-    parser.add_argument('--domain', type=int, metavar='N',
-                        help='ROS_DOMAIN_ID to use; by default a free one of this machine')
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument('--goal', type=options.place, metavar='X,Y', help='drive there [m], by '
-                       'what the cameras see: mapping_node and navigator_node take the place of '
-                       'drive_node; the run ends when the rover has arrived or given up')
-    where.add_argument('--route', choices=[shape for shape in SHAPES if shape != 'none'],
-                       help='drive a ready-made route of the size drive_node.shape_size_m')
-    parser.add_argument('--avoid', action='store_true', help='with --route: around obstacles, by '
-                        'what the cameras see, from one waypoint of it to the next')
-    parser.add_argument('--slam', metavar='COMMAND', default='',
-                        help='SLAM program to feed, with its arguments; it speaks the protocol of '
-                             'docs/reference/slam_protocol.md')
-    parser.add_argument('--view', type=int, nargs='?', const=VIEW_PORT, metavar='PORT',
-                        help='show the run in a browser while it goes on, at this port of this '
-                        f'machine (default: {VIEW_PORT}); Foxglove and Lichtblick may connect to '
-                        'it too')
-    options.add_allowed_origins(parser)
-    parser.add_argument('--teleop', action='store_true',
-                        help='drive it yourself, in real time: without drive_node, cmd_vel comes '
-                        'from the page of --view or from a node of yours')
-    parser.add_argument('--policy', metavar='NAME_OR_PATH', default='',
-                        help='walk by a packaged policy or a policy file, in the place of the '
-                        'gait controller')
-    options.add_overrides(parser)
-
-
-def run(args: argparse.Namespace) -> int:
-    """Simulate and record; print a summary."""
+@options.command(scenarios=True)
+@options.scenario()
+@options.new_folder('folder for bag, resolved scenario and logs')
+@options.bounded('--duration', 0.0, above=True, unit='s', metavar='S', help='simulated time')
+@options.seed()
+@click.option('--real-time', is_flag=True,
+              help='follow the wall clock instead of waiting for answers')
+@options.world()
+@click.option('--domain', type=int, metavar='N',
+              help='ROS_DOMAIN_ID to use; by default a free one of this machine')
+@click.option('--goal', type=options.place, metavar='X,Y', help='drive there [m], by what the '
+              'cameras see: mapping_node and navigator_node take the place of drive_node; the run '
+              'ends when the rover has arrived or given up')
+@click.option('--route', type=options.Choice([shape for shape in SHAPES if shape != 'none']),
+              help='drive a ready-made route of the size drive_node.shape_size_m')
+@click.option('--avoid', is_flag=True, help='with --route: around obstacles, by what the cameras '
+              'see, from one waypoint of it to the next')
+@click.option('--slam', metavar='COMMAND', help='SLAM program to feed, with its '
+              'arguments; it speaks the protocol of docs/reference/slam_protocol.md')
+@click.option('--view', type=int, is_flag=False, flag_value=VIEW_PORT, metavar='[PORT]',
+              help='show the run in a browser while it goes on, at this port of this machine '
+              f'(default: {VIEW_PORT}); Foxglove and Lichtblick may connect to it too')
+@options.allowed_origins
+@click.option('--teleop', is_flag=True, help='drive it yourself, in real time: without '
+              'drive_node, cmd_vel comes from the page of --view or from a node of yours')
+@click.option('--policy', metavar='NAME_OR_PATH', help='walk by a packaged policy or '
+              'a policy file, in the place of the gait controller')
+@options.overrides(fast=True)
+def run(scenario: str, output: Path, duration: float | None, seed: int | None, real_time: bool,
+        world: Path | None, domain: int | None, goal: tuple[float, float] | None,
+        route: str | None, avoid: bool, slam: str | None, view: int | None,
+        allow_origin: Sequence[str], teleop: bool,
+        policy: str | None, overrides: list[str]) -> int:
+    """Simulate a scenario with all its nodes and record it to rosbag2."""
+    options.not_both(goal=goal, route=route)
     require_ros()
-    view = None if args.view is None else ViewProcess(args.view, args.allow_origin)
-    overrides = options.with_fast(args)
-    if args.real_time or args.teleop:
+    page = None if view is None else ViewProcess(view, allow_origin)
+    if real_time or teleop:
         overrides.append(f'time_mode={REAL_TIME}')
-    scenario = Scenario.load(args.scenario, overrides, seed=args.seed, duration_s=args.duration,
-                             world=args.world)
-    if args.teleop:
-        scenario = without_node(scenario, 'drive_node')
-    if args.policy:
-        scenario = with_policy(scenario, args.policy)
-    if args.avoid and args.route is None:
+    chosen = Scenario.load(scenario, overrides, seed=seed, duration_s=duration, world=world)
+    if teleop:
+        chosen = without_node(chosen, 'drive_node')
+    if policy:
+        chosen = with_policy(chosen, policy)
+    if avoid and route is None:
         raise ConfigError('--avoid: needs --route; a --goal is always driven to around obstacles')
-    if args.goal is not None:
-        scenario = with_navigator(scenario, [args.goal])
-    elif args.route is not None:
-        scenario = with_route(scenario, args.route, args.avoid)
-    if 'navigator_node' in scenario.run.nodes and args.duration is None \
-            and (args.goal is not None or args.avoid):
-        scenario = replaced(scenario, {'run.duration_s': navigated_duration_s(scenario)})
-    if args.slam:
-        scenario = with_slam(scenario, args.slam)
-    if args.world is None:
+    if goal is not None:
+        chosen = with_navigator(chosen, [goal])
+    elif route is not None:
+        chosen = with_route(chosen, route, avoid)
+    if 'navigator_node' in chosen.run.nodes and duration is None \
+            and (goal is not None or avoid):
+        chosen = replaced(chosen, {'run.duration_s': navigated_duration_s(chosen)})
+    if slam:
+        chosen = with_slam(chosen, slam)
+    if world is None:
         with Progress('building the world'):
-            scenario.world_folder()
+            chosen.world_folder()
 
     def start(resolved: Scenario, domain: int) -> None:
-        if view is not None:
-            view.start(domain, (args.world or scenario.world_folder()).resolve())
-            say(f'live view: {view.access.url}')
-            say(f'in Foxglove or Lichtblick: {view.access.websocket_url}')
+        if page is not None:
+            page.start(domain, (world or chosen.world_folder()).resolve())
+            say(f'live view: {page.access.url}')
+            say(f'in Foxglove or Lichtblick: {page.access.websocket_url}')
             say(f'their layout: {config_path("foxglove/lunar_rover.json")}')
         display.start(resolved, domain)
 
     def update(now_ns: int) -> None:
         display.update(now_ns)
-        if view is not None and (lost := view.early_end()):
+        if page is not None and (lost := page.early_end()):
             say(lost)
 
     with _stop_request() as stop_request, Progress('starting') as progress:
         display = _Display(progress)
         try:
-            recording = record(scenario, args.output, world=args.world, domain=args.domain,
+            recording = record(chosen, output, world=world, domain=domain,
                                should_stop=stop_request.is_made, on_start=start,
                                on_progress=update, on_warning=say)
         finally:
-            if view is not None:
-                view.stop()
+            if page is not None:
+                page.stop()
     if recording.interrupted:
         say('stopped; the bag ends here')
     _print_summary(recording)

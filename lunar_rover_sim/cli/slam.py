@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+import functools
 import math
 from pathlib import Path
+from typing import Any
+
+import click
 
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.base import topics
-from lunar_rover_sim.base.errors import SlamError
+from lunar_rover_sim.base.errors import ConfigError, SlamError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import check_file, config_path, make_new_folder
 from lunar_rover_sim.base.files.results import json_text
@@ -22,76 +26,25 @@ from lunar_rover_sim.judge.slam.estimators import Estimator, stock_program, SYST
 from lunar_rover_sim.judge.slam.run_on_bag import ESTIMATE, run_on_bag
 from lunar_rover_sim.judge.slam.table import Paper, read_paper
 from lunar_rover_sim.judge.slam.vocabulary import descriptors, open_sets, train
-from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS, settings
+from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS
+from lunar_rover_sim.products.sequences.orbslam3_settings import settings as settings_text
 from lunar_rover_sim.products.sequences.sensors import described_sensors, recorded_sensors
 from lunar_rover_sim.run.scenario import Scenario
 
 _DESCRIPTORS_PER_WORD = 3      # fewer, and most leaves of the tree hold one
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the commands."""
-    group = parser.add_subparsers(metavar='WHAT', required=True)
-    command = options.add_action(
-        group, 'settings', 'write the settings file of ORB-SLAM3 for a bag or a scenario',
-        _settings)
-    command.add_argument('source', metavar='BAG|SCENARIO', help='a bag, or a scenario by name or '
-                                                                'file')
-    options.add_output(command, check_file, 'FILE', 'YAML file to write; must not exist')
-    _add_sensor(command)
-    command.add_argument('--features', type=int, default=2000, metavar='N',
-                         help='keypoints per image (default: %(default)s)')
-    command.add_argument('--legacy', action='store_true',
-                         help='the layout before File.version 1.0')
-    command = options.add_action(
-        group, 'run', 'run a SLAM program on a bag and evaluate its result', _run)
-    options.add_bag(command)
-    options.add_new_folder(command, 'folder for settings, log and results')
-    _add_sensor(command)
-    command.add_argument('--keep-sequence', action='store_true', help='keep the exported images')
-    command.add_argument('--quiet', action='store_true', help='do not show the log of the program')
-    options.add_json(command)
-    add_system_arguments(command)
-    text = 'train the vocabulary of ORB-SLAM2 and ORB-SLAM3 on images'
-    command = options.add_action(group, 'train-vocabulary', text, _train, (
-        'Train a vocabulary of ORB descriptors in the text format of DBoW2, as ORB-SLAM2 and '
-        'ORB-SLAM3 read it, on the left images of bags, sequences, or folders of pictures.'))
-    command.add_argument('images', type=Path, nargs='+', metavar='IMAGES',
-                         help='a bag, a run, a sequence, or a folder of pictures')
-    options.add_output(command, check_file, 'FILE', 'text file to write; must not exist')
-    command.add_argument('--branching', type=int, default=10, metavar='K',
-                         help='clusters of a node, 2 to 20 (default: %(default)s)')
-    command.add_argument('--levels', type=int, default=6, metavar='L',
-                         help='how often clusters are divided, 1 to 10; ORB-SLAM compares '
-                              'features within clusters of level L - 4 (default: %(default)s)')
-    command.add_argument('--features', type=int, default=1000, metavar='N',
-                         help='keypoints per image (default: %(default)s)')
-    command.add_argument('--frames', type=int, default=500, metavar='N',
-                         help='most images of each of IMAGES, evenly over it (default: '
-                              '%(default)s)')
-    options.add_seed(command, 1, 'seed of the clusters')
-    text = 'one table of the parts of a benchmark that ran on several machines'
-    command = options.add_action(group, 'table', text, _table, (
-        'Join the results of benchmarks, finished or not, and write table.md, .csv, .tex and '
-        '.html, the findings, and table_drives.csv, every drive; of a sweep also table.png, its '
-        'curves. Parts of several systems stand beside each other.'))
-    command.add_argument('sources', type=Path, nargs='+', metavar='PART',
-                         help='the folder of a benchmark, or a CSV of drives (SYSTEM_drives.csv)')
-    options.add_folder(command, 'folder for the table; an older one in it is replaced')
-    add_paper_argument(command)
+_sensor = click.option('--sensor', type=options.Choice(SENSORS), default='stereo',
+                       help='input of the program')
+_file = options.output(check_file, 'FILE', 'file to write; must not exist')
 
 
-def _add_sensor(command: argparse.ArgumentParser) -> None:
-    command.add_argument('--sensor', choices=SENSORS, default='stereo',
-                         help='input of the program (default: %(default)s)')
-
-
-def add_paper_argument(parser: argparse.ArgumentParser) -> None:
-    """Declare the argument that names published numbers; see `paper_of`."""
-    parser.add_argument('--paper', type=Path, metavar='FILE',
-                        help='published numbers for comparison, YAML: scenario: {sensor: {ate_m: '
-                             'number, scale: number}} (default: those of the three scenarios in '
-                             'config/published_slam.yaml; in a sweep, none)')
+def paper_option(function: options.Function) -> options.Function:
+    """Declare --paper, published numbers; see `paper_of`."""
+    return click.option('--paper', type=options.PATH, metavar='FILE', help='published numbers for '
+                        'comparison, YAML: scenario: {sensor: {ate_m: number, scale: number}} '
+                        '(default: those of the three scenarios in config/published_slam.yaml; in '
+                        'a sweep, none)')(function)
 
 
 def paper_of(path: Path | None, parameter: str) -> Paper | None:
@@ -101,49 +54,100 @@ def paper_of(path: Path | None, parameter: str) -> Paper | None:
     return read_paper(path) if path is not None else None
 
 
-def add_system_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments that choose an estimator and its options."""
-    parser.add_argument('--system', choices=SYSTEMS, default='reference',
-                        help='estimator (default: %(default)s)')
-    parser.add_argument('--executable', type=Path, metavar='PATH',
-                        help='of ORB-SLAM3: stereo_euroc, mono_euroc, rgbd_tum, ..., or their '
-                             'folder; or a Python that has the wheel pyorbslam3')
-    parser.add_argument('--vocabulary', type=Path, metavar='PATH', help='of ORB-SLAM3')
-    parser.add_argument('--run', default='', metavar='COMMAND', dest='command',
-                        help='of the system `command`: with {sequence} (EuRoC), {settings}, '
-                             '{times}, {sensor} and {out}, the TUM file to write')
-    parser.add_argument('--estimate-frame', choices=('base', 'imu', 'left', 'right'), default='',
-                        help='frame of the rover whose poses are estimated (default: left; imu '
-                             'for stereo-inertial)')
-    parser.add_argument('--features', type=int, default=2000, metavar='N',
-                        help='keypoints per image of ORB-SLAM3 (default: %(default)s)')
-    parser.add_argument('--timeout', type=float, default=0.0, metavar='S',
-                        help='longest time of a run [s] (default: ten times the sequence and 2 '
-                             'min)')
+def system_options(function: options.Function) -> options.Function:
+    """Declare the options that choose an estimator; a function of its sensor: `estimator`."""
+    @functools.wraps(function)
+    def with_estimator(system: str, executable: Path | None, vocabulary: Path | None,
+                       command: str | None, estimate_frame: str | None, features: int,
+                       timeout: float, **given: Any) -> Any:
+        def estimator(sensor: str) -> Estimator:
+            return Estimator(system, sensor, stock_program(executable, sensor), vocabulary,
+                             command or '', estimate_frame or '', features, timeout)
+        return function(estimator=estimator, **given)
+
+    declared: options.Function = with_estimator
+    for option in (
+            click.option('--timeout', type=float, default=0.0, metavar='S', show_default=False,
+                         help='longest time of a run [s] (default: ten times the sequence and 2 '
+                         'min)'),
+            click.option('--features', type=int, default=2000, metavar='N',
+                         help='keypoints per image of ORB-SLAM3'),
+            click.option('--estimate-frame', type=options.Choice(('base', 'imu', 'left', 'right')),
+                         help='frame of the rover whose poses are estimated (default: left; imu '
+                         'for stereo-inertial)'),
+            click.option('--run', 'command', metavar='COMMAND',
+                         help='of the system `command`: with {sequence} (EuRoC), {settings}, '
+                         '{times}, {sensor} and {out}, the TUM file to write'),
+            click.option('--vocabulary', type=options.PATH, metavar='PATH', help='of ORB-SLAM3'),
+            click.option('--executable', type=options.PATH, metavar='PATH', help='of ORB-SLAM3: '
+                         'stereo_euroc, mono_euroc, rgbd_tum, ..., or their folder; or a Python '
+                         'that has the wheel pyorbslam3'),
+            click.option('--system', type=options.Choice(SYSTEMS), default='reference',
+                         help='estimator')):
+        declared = option(declared)
+    return declared
 
 
-def estimator_of(args: argparse.Namespace, sensor: str) -> Estimator:
-    """Return the estimator that the arguments ask for."""
-    return Estimator(args.system, sensor, stock_program(args.executable, sensor), args.vocabulary,
-                     args.command, args.estimate_frame, args.features, args.timeout)
+@options.command(scenarios=True)
+@options.argument('source', 'a bag, or a scenario by name or file', metavar='BAG|SCENARIO')
+@_file
+@_sensor
+@click.option('--features', type=int, default=2000, metavar='N', help='keypoints per image')
+@click.option('--legacy', is_flag=True, help='the layout before File.version 1.0')
+@options.overrides(fast=True)
+def settings(source: str, output: Path, sensor: str, features: int, legacy: bool,
+             overrides: list[str]) -> int:
+    """Write the settings file of ORB-SLAM3 for a bag or a scenario.
+
+    --set and --fast are those of the `run` that the file is for; a bag has its own.
+    """
+    path, has_depth = Path(source), sensor == 'rgbd'
+    if path.is_dir() or path.suffix in ('.mcap', '.db3'):
+        if overrides:
+            raise ConfigError(f'--set, --fast: are for a scenario, and {source} is a recording, '
+                              'which has its own')
+        with open_bag(path) as bag:
+            suite = recorded_sensors(bag, (topics.TRUE_DEPTH.name,) if has_depth else ())
+    else:
+        scenario = Scenario.load(source, overrides)
+        render = scenario.render_node
+        suite = described_sensors(
+            scenario.rover, render.camera, scenario.physics_node.imu,
+            render.frame_rate_hz / (render.depth_every if has_depth else 1),
+            scenario.physics_node.state_rate_hz, scenario.physics_node.gravity_mps2)
+    text = settings_text(suite, sensor, legacy, features)
+    options.refuse_existing(output, option=False)
+    atomic_write(output, text, SlamError)
+    say(output)
+    return 0
 
 
-def _run(args: argparse.Namespace) -> int:
-    estimator = estimator_of(args, args.sensor)
-    make_new_folder(args.output)
+@options.command()
+@options.bag()
+@options.new_folder('folder for settings, log and results')
+@_sensor
+@click.option('--keep-sequence', is_flag=True, help='keep the exported images')
+@click.option('--quiet', is_flag=True, help='do not show the log of the program')
+@options.as_json
+@system_options
+def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool, as_json: bool,
+        estimator: Callable[[str], Estimator]) -> int:
+    """Run a SLAM program on a bag and evaluate its result."""
+    system = estimator(sensor)
+    make_new_folder(output)
     try:
         with Progress('reading the bag') as progress:
             result = run_on_bag(
-                args.bag, estimator, args.output, None if args.quiet or args.json else say,
+                bag, system, output, None if quiet or as_json else say,
                 progress.start, progress.advance,
-                args.output / 'sequence' if args.keep_sequence else None, plots=True)
+                output / 'sequence' if keep_sequence else None, plots=True)
     finally:
         with suppress(OSError):
-            args.output.rmdir()   # if it is empty
-    mapping = {**result.to_mapping(), 'estimate_frame': estimator.poses_of}
-    atomic_write(args.output / 'result.json', json_text(mapping) + '\n', SlamError)
+            output.rmdir()   # if it is empty
+    mapping = {**result.to_mapping(), 'estimate_frame': system.poses_of}
+    atomic_write(output / 'result.json', json_text(mapping) + '\n', SlamError)
     judged = not math.isnan(result.ate_m)
-    if args.json:
+    if as_json:
         print_json(mapping)
         return 0 if judged else 1
     if result.reason:
@@ -151,59 +155,70 @@ def _run(args: argparse.Namespace) -> int:
     say(f'{result.system} {result.sensor}: tracked {100 * result.tracked_share:.1f} % of '
         f'{result.frames} frames, ' + (f'scale {result.scale:.4f}, ' if judged else '')
         + f'{result.wall_s:.1f} s')
-    if (args.output / ESTIMATE).is_file():
-        say(f'{args.output / ESTIMATE} (TUM) has the poses of the frame {estimator.poses_of}; '
+    if (output / ESTIMATE).is_file():
+        say(f'{output / ESTIMATE} (TUM) has the poses of the frame {system.poses_of}; '
             'result.json beside it')
     if not judged:
-        raise SlamError(f'no trajectory to judge; the log is in {args.output}')
+        raise SlamError(f'no trajectory to judge; the log is in {output}')
     say(f'done: ATE {result.ate_m:.4f} m, {result.ate_percent:.2f} % of '
-        f'{result.distance_m:.2f} m; figure: {args.output / TOP_VIEW}')
+        f'{result.distance_m:.2f} m; figure: {output / TOP_VIEW}')
     return 0
 
 
-def _train(args: argparse.Namespace) -> int:
-    sets = open_sets(args.images, args.frames)
+@options.command()
+@options.argument('images', 'a bag, a run, a sequence, or a folder of pictures', nargs=-1,
+                  required=True, type=options.PATH, metavar='IMAGES...')
+@_file
+@click.option('--branching', type=int, default=10, metavar='K',
+              help='clusters of a node, 2 to 20')
+@click.option('--levels', type=int, default=6, metavar='L', help='how often clusters are divided, '
+              '1 to 10; ORB-SLAM compares features within clusters of level L - 4')
+@click.option('--features', type=int, default=1000, metavar='N', help='keypoints per image')
+@click.option('--frames', type=int, default=500, metavar='N',
+              help='most images of each of IMAGES, evenly over it')
+@options.seed(1, 'seed of the clusters')
+def train_vocabulary(images: Sequence[Path], output: Path, branching: int, levels: int,
+                     features: int, frames: int, seed: int) -> int:
+    """Train a vocabulary of ORB descriptors.
+
+    In the text format of DBoW2, as ORB-SLAM2 and ORB-SLAM3 read it, on the left images of bags,
+    sequences, or folders of pictures.
+    """
+    sets = open_sets(images, frames)
     with Progress('reading images', sum(found.total for found in sets), 'images') as progress:
-        images = []
-        for one in descriptors(sets, args.features):
-            images.append(one)
+        described = []
+        for one in descriptors(sets, features):
+            described.append(one)
             progress.advance()
         progress.start('clustering', 1.0, '%')
-        vocabulary = train(images, args.branching, args.levels, args.seed, progress)
-    options.refuse_existing(args.output, option=False)
-    atomic_write(args.output, vocabulary.text(), SlamError)
-    words, count = int(vocabulary.is_word.sum()), sum(map(len, images))
-    say(f'{args.output}: {words} words of {count} descriptors of {len(images)} images')
+        vocabulary = train(described, branching, levels, seed, progress)
+    options.refuse_existing(output, option=False)
+    atomic_write(output, vocabulary.text(), SlamError)
+    words, count = int(vocabulary.is_word.sum()), sum(map(len, described))
+    say(f'{output}: {words} words of {count} descriptors of {len(described)} images')
     if count < _DESCRIPTORS_PER_WORD * words:
         say('note: a word needs a few descriptors to mean something; give more images, or fewer '
-            f'--levels than {args.levels}')
+            f'--levels than {levels}')
     return 0
 
 
-def _table(args: argparse.Namespace) -> int:
-    judged = join(args.sources)
-    paper = paper_of(args.paper, judged[0].drive.parameter)
-    args.output.mkdir(parents=True, exist_ok=True)
-    report = write_report(judged, args.output, 'table', paper)
-    for line in (report.table, *report.findings, *map(str, report.files)):
+@options.command()
+@options.argument('sources', 'the folder of a benchmark, or a CSV of drives (SYSTEM_drives.csv)',
+                  nargs=-1, required=True, type=options.PATH, metavar='PART...')
+@options.folder('folder for the table; an older one in it is replaced')
+@paper_option
+def table(sources: Sequence[Path], output: Path, paper: Path | None) -> int:
+    """Make one table of the parts of a benchmark that ran on several machines.
+
+    Joins the results of benchmarks, finished or not, and writes table.md, .csv, .tex and .html,
+    the findings, and table_drives.csv, every drive; of a sweep also table.png, its curves. Parts
+    of several systems stand beside each other.
+    """
+    judged = join(sources)
+    published = paper_of(paper, judged[0].drive.parameter)
+    output.mkdir(parents=True, exist_ok=True)
+    report = write_report(judged, output, 'table', published)
+    print(report.table)
+    for line in (*report.findings, *report.files):
         say(line)
-    return 0
-
-
-def _settings(args: argparse.Namespace) -> int:
-    source, has_depth = Path(args.source), args.sensor == 'rgbd'
-    if source.is_dir() or source.suffix in ('.mcap', '.db3'):
-        with open_bag(source) as bag:
-            suite = recorded_sensors(bag, (topics.TRUE_DEPTH.name,) if has_depth else ())
-    else:
-        scenario = Scenario.load(args.source)
-        render = scenario.render_node
-        suite = described_sensors(
-            scenario.rover, render.camera, scenario.physics_node.imu,
-            render.frame_rate_hz / (render.depth_every if has_depth else 1),
-            scenario.physics_node.state_rate_hz, scenario.physics_node.gravity_mps2)
-    text = settings(suite, args.sensor, args.legacy, args.features)
-    options.refuse_existing(args.output, option=False)
-    atomic_write(args.output, text, SlamError)
-    say(args.output)
     return 0

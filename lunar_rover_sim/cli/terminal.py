@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 import contextlib
-import functools
 import os
 import sys
+import textwrap
 import threading
 import time
 from typing import Any
@@ -22,13 +22,18 @@ from rich.table import Table
 from rich.text import Text
 
 from lunar_rover_sim.base.files.results import json_text
-from lunar_rover_sim.cli.help_format import PIPE_COLUMNS
 
+PIPE_COLUMNS = 100      # of tables and parameters where there is no terminal
 PIPE_PERIOD_S = 10.0    # between the lines of progress in a pipe
 _CUT = '…'              # what rich puts in the place of text
 
-# A line of any length, seen at once also in a pipe.
-say = functools.partial(print, flush=True)
+
+def say(text: object = '') -> None:
+    """Print text, folded to the terminal; words as long as paths stay whole."""
+    width = console().width
+    for line in str(text).split('\n'):
+        print(textwrap.fill(line, width, subsequent_indent='  ', break_long_words=False,
+                            break_on_hyphens=False), flush=True)
 
 
 def console() -> Console:
@@ -66,12 +71,12 @@ def print_markdown(text: str) -> None:
         if _CUT in text or _CUT not in capture.get():
             to.print(Markdown(text))
             return
-    say(text)
+    print(text, flush=True)
 
 
 def print_json(value: Any) -> None:
     """Print plain values as JSON; numbers that JSON lacks (NaN, infinity) become null."""
-    say(json_text(value))
+    print(json_text(value), flush=True)
 
 
 class Pace:

@@ -2,51 +2,51 @@
 
 from __future__ import annotations
 
-import argparse
+from pathlib import Path
+from typing import Any
+
+import click
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.paths import check_file
 from lunar_rover_sim.base.files.yaml_text import parse_yaml
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_table, say
-from lunar_rover_sim.judge.studies import imu
+from lunar_rover_sim.judge.studies import imu as allan
 from lunar_rover_sim.sensors.imu import ImuConfig
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.description = (
-        'Simulates an IMU at rest, computes the overlapping Allan deviation and reads'
-        ' white noise and bias random walk back from it.')
-    parser.add_argument('--preset', default='adis16448', metavar='NAME',
-                        help='part to simulate (adis16448, bmi160)')
-    options.add_overrides(parser, 'NAME=VALUE', 'parameter of the IMU, as physics_node has it '
-                          'under imu')
-    options.add_number(parser, '--hours', 0.05, 24.0, unit='h', default=1.0,
-                       help='length of the record')
-    options.add_number(parser, '--rate', 1.0, 2000.0, unit='Hz', default=200.0, metavar='HZ',
-                       help='sampling rate')
-    options.add_seed(parser, 1, 'seed of the noise')
-    options.add_output(parser, check_file, 'FILE', 'plot to write', 'imu_allan.png')
+@options.command()
+@click.option('--preset', default='adis16448', metavar='NAME',
+              help='part to simulate (adis16448, bmi160)')
+@options.overrides('NAME=VALUE', help='parameter of the IMU, as physics_node has it under imu')
+@options.bounded('--hours', 0.05, 24.0, unit='h', default=1.0, help='length of the record')
+@options.bounded('--rate', 1.0, 2000.0, unit='Hz', default=200.0, metavar='HZ',
+                 help='sampling rate')
+@options.seed(1, 'seed of the noise')
+@options.output(check_file, 'FILE', 'plot to write', 'imu_allan.png')
+def imu(preset: str, overrides: list[str], hours: float, rate: float, seed: int,
+        output: Path) -> int:
+    """Compare the Allan deviation of an IMU at rest with its configured noise.
 
-
-def run(args: argparse.Namespace) -> int:
-    """Print the table, write the plot; return 1 if a density is out of tolerance."""
-    values = {'preset': args.preset}
-    for item in args.overrides:
+    Simulates the IMU, computes the overlapping Allan deviation and reads white noise and bias
+    random walk back from it. Exits with 1 if a density is out of tolerance.
+    """
+    values: dict[str, Any] = {'preset': preset}
+    for item in overrides:
         name, equals, value = item.partition('=')
         if not equals:
             raise ConfigError(f'--set: {item!r} is not valid; valid is NAME=VALUE')
         values[name] = parse_yaml(value, f'--set {name}')
     config = ImuConfig.from_mapping(values, 'imu')
-    imu.plot_format(args.output)   # an error is reported now, not after the study
-    sensors = imu.study(config, args.hours * 3600.0, args.rate, args.seed)
-    comparisons = imu.compare(sensors)
+    allan.plot_format(output)   # an error is reported now, not after the study
+    sensors = allan.study(config, hours * 3600.0, rate, seed)
+    comparisons = allan.compare(sensors)
     print_table(('sensor', 'noise', 'configured', 'read back', 'error', 'bound', ''), 7, (
         (c.sensor, c.noise, f'{c.configured:.4g}', f'{c.measured:.4g}', f'{100 * c.error:+.1f} %',
          f'{100 * c.bound:.0f} %', 'ok' if c.passed else 'OUT') for c in comparisons),
-        title=f'{args.hours:g} h at {args.rate:g} Hz, preset {config.preset}')
-    imu.plot(sensors, args.output)
+        title=f'{hours:g} h at {rate:g} Hz, preset {config.preset}')
+    allan.plot(sensors, output)
     say('white noise in m/s²/√Hz and rad/s/√Hz, bias random walk in m/s³/√Hz and rad/s²/√Hz')
-    say(f'plot: {args.output}')
+    say(f'plot: {output}')
     return 0 if all(c.passed for c in comparisons) else 1

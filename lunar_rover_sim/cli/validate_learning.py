@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
 
 from lunar_rover_sim.autonomy.learning.policy_file import Policy, policy_names, policy_path
 from lunar_rover_sim.autonomy.learning.task import GROUNDS as ALL_GROUNDS
@@ -15,50 +18,47 @@ from lunar_rover_sim.judge.studies.learning import (Case, GROUNDS, HIDDEN_SEEDS,
                                                     WalkStore, write_walks)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.description = ('Walk with the packaged gait and with policies over the same worlds,'
-                          ' which no training saw, and compare them in pairs.')
-    parser.add_argument('policies', nargs='*', metavar='POLICY',
-                        help='packaged policies or files; by default all packaged ones')
-    parser.add_argument('--against', metavar='WALKER', default=PACKAGED,
-                        help='what the others are compared with: packaged, or one of the policies'
-                             ' (default: packaged)')
-    options.add_folder(parser, 'folder for learning.md, learning.csv and the finished walks')
-    parser.add_argument('--resume', action='store_true',
-                        help='go on with a folder: finished walks are kept')
-    parser.add_argument('--grounds', nargs='+', choices=ALL_GROUNDS, default=list(GROUNDS),
-                        metavar='GROUND', help=f'(default: {" ".join(GROUNDS)})')
-    parser.add_argument('--slopes', nargs='+', type=options.number('--slopes', 0.0, 30.0, 'deg'),
-                        default=list(SLOPES_DEG), metavar='DEG',
-                        help=f'uphill [deg] (default: {" ".join(f"{s:g}" for s in SLOPES_DEG)})')
-    options.add_number(parser, '--seeds', 1, len(HIDDEN_SEEDS), kind=int,
-                       default=len(HIDDEN_SEEDS), help='number of worlds')
-    parser.add_argument('--rover', default='quad', metavar='NAME_OR_PATH',
-                        help='a packaged rover or a rover file (default: quad)')
-    options.add_workers(parser, 'processes that walk')
+@options.command()
+@options.argument('policies', 'packaged policies or files; by default all packaged ones', nargs=-1,
+                  metavar='[POLICY]...')
+@click.option('--against', metavar='WALKER', default=PACKAGED, help='what the others are compared '
+              'with: packaged, or one of the policies')
+@options.folder('folder for learning.md, learning.csv and the finished walks')
+@options.resume('walks')
+@options.several('--grounds', type=options.Choice(ALL_GROUNDS), default=GROUNDS,
+                 metavar='GROUND...', help=f'of {", ".join(ALL_GROUNDS)}')
+@options.several('--slopes', type=options.number('--slopes', 0.0, 30.0, 'deg'),
+                 default=SLOPES_DEG, metavar='DEG...', help='uphill [deg]')
+@options.bounded('--seeds', 1, len(HIDDEN_SEEDS), kind=int, default=len(HIDDEN_SEEDS),
+                 help='number of worlds')
+@click.option('--rover', default='quad', metavar='NAME_OR_PATH',
+              help='a packaged rover or a rover file')
+@options.workers('processes that walk')
+def learning(policies: Sequence[str], against: str, output: Path, resume: bool,
+             grounds: Sequence[str], slopes: Sequence[float], seeds: int, rover: str,
+             workers: int) -> int:
+    """Compare policies with the packaged gait on hidden seeds.
 
-
-def run(args: argparse.Namespace) -> int:
-    """Walk, compare and print."""
-    policies = args.policies or policy_names()
-    for policy in policies:
+    All walk over the same worlds, which no training saw, and are compared in pairs.
+    """
+    names = policies or policy_names()
+    for policy in names:
         Policy(policy)
-    if args.against not in (PACKAGED, *policies):
-        raise ConfigError(f'--against: {args.against} is not valid; valid are '
-                          f'{", ".join((PACKAGED, *policies))}')
+    if against not in (PACKAGED, *names):
+        raise ConfigError(f'--against: {against} is not valid; valid are '
+                          f'{", ".join((PACKAGED, *names))}')
     walker_of = {PACKAGED: PACKAGED, **{
         name: name if name in policy_names() else str(policy_path(name).resolve())
-        for name in policies}}
-    cases = [Case(walker, ground, slope, seed, args.rover)
-             for slope in args.slopes for ground in args.grounds
-             for seed in HIDDEN_SEEDS[:args.seeds] for walker in walker_of.values()]
-    store = WalkStore(args.output, SETTINGS, args.resume)
+        for name in names}}
+    cases = [Case(walker, ground, slope, seed, rover)
+             for slope in slopes for ground in grounds
+             for seed in HIDDEN_SEEDS[:seeds] for walker in walker_of.values()]
+    store = WalkStore(output, SETTINGS, resume)
     with Progress('walking', len(cases)) as progress:
-        walks = study(cases, store, args.workers, progress)
-    write_walks(args.output / 'learning.csv', walks)
-    text = report_text(walks, walker_of[args.against])
-    atomic_write(args.output / 'learning.md', text, StudyError)
+        walks = study(cases, store, workers, progress)
+    write_walks(output / 'learning.csv', walks)
+    text = report_text(walks, walker_of[against])
+    atomic_write(output / 'learning.md', text, StudyError)
     print_markdown(text)
-    say(f'{args.output}: {len(walks)} walks')
+    say(f'{output}: {len(walks)} walks')
     return 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 
 from lunar_rover_sim.autonomy.learning.policy_file import Policy, policy_names
@@ -11,33 +10,31 @@ from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_json, print_table, Progress, say
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.description = ('Walk with a policy in its environment and as the nodes do; compare each'
-                          ' number that it sees, and onnxruntime with NumPy.')
-    parser.add_argument('policy', metavar='FILE',
-                        help='ONNX file, or the name of a packaged policy: '
-                             + ', '.join(policy_names()))
-    options.add_number(parser, '--duration', 0.1, 600.0, default=DURATION_S, metavar='S',
-                       unit='s', help='length of the walk')
-    options.add_seed(parser, 1)
-    options.add_json(parser)
+@options.command()
+@options.argument('policy', 'ONNX file, or the name of a packaged policy: '
+                  + ', '.join(policy_names()), metavar='FILE')
+@options.bounded('--duration', 0.1, 600.0, default=DURATION_S, metavar='S', unit='s',
+                 help='length of the walk')
+@options.seed(1)
+@options.as_json
+def policy(policy: str, duration: float, seed: int, as_json: bool) -> int:
+    """Compare what a policy sees in its environment and in the nodes.
 
-
-def run(args: argparse.Namespace) -> int:
-    """Compare; 1 where a term differs."""
-    policy = Policy(args.policy)
+    Walks with it in both; compares each number that it sees, and onnxruntime with NumPy. Exits
+    with 1 where a term differs.
+    """
+    loaded = Policy(policy)
     with Progress('walking twice'):
-        checks = validate_policy(policy, args.duration, args.seed)
+        checks = validate_policy(loaded, duration, seed)
     failed = [check for check in checks if not check.holds]
-    if args.json:
-        print_json({'policy': str(policy.path), 'tolerance': TOLERANCE, 'holds': not failed,
+    if as_json:
+        print_json({'policy': str(loaded.path), 'tolerance': TOLERANCE, 'holds': not failed,
                     'terms': [dataclasses.asdict(check) for check in checks]})
         return int(bool(failed))
     print_table(('', 'term', 'greatest difference', 'span'), 2, (
         (check.kind, check.name, f'{check.difference:.1e}', f'{check.span:.2f}')
         for check in checks))
-    card = policy.card
-    say(f'{policy.path}: {card.task} of {card.rover} on {card.ground}, {card.algorithm}: '
+    card = loaded.card
+    say(f'{loaded.path}: {card.task} of {card.rover} on {card.ground}, {card.algorithm}: '
         f'{len(checks) - len(failed)} of {len(checks)} terms agree within {TOLERANCE:g}')
     return int(bool(failed))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Sequence
 import json
+from pathlib import Path
+
+import click
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.atomic import atomic_write
@@ -14,34 +17,32 @@ from lunar_rover_sim.judge.studies.stereo import study
 from lunar_rover_sim.run.scenario import Scenario
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.description = (
-        'Draw stereo pairs along a loop through each scenario, match them, and say '
-        'how dense and how right the disparity is: a table, and figures with left image, true '
-        'depth, SGM depth and error.')
-    options.add_scenario(parser, several=True)
-    parser.add_argument('-n', '--frames', type=options.number('--frames', 1, kind=int), default=12,
-                        metavar='N', help='pairs per scenario (default: %(default)s)')
-    options.add_new_folder(parser, 'folder for table and figures')
-    options.add_seed(parser)
-    options.add_overrides(parser)
+@options.command(scenarios=True)
+@options.scenario(many=True)
+@click.option('-n', '--frames', type=options.number('--frames', 1, kind=int), default=12,
+              metavar='N', help='pairs per scenario')
+@options.new_folder('folder for table and figures')
+@options.seed()
+@options.overrides()
+def stereo(scenarios: Sequence[str], frames: int, output: Path, seed: int | None,
+           overrides: list[str]) -> int:
+    """Compare semi-global matching with true depth.
 
-
-def run(args: argparse.Namespace) -> int:
-    """Match the pairs of each scenario, print the table, save it."""
-    scenarios = [Scenario.load(name, args.overrides, seed=args.seed) for name in args.scenarios]
-    make_new_folder(args.output)
+    Draws stereo pairs along a loop through each scenario, matches them, and says how dense and how
+    right the disparity is: a table, and figures with left image, true depth, SGM depth and error.
+    """
+    loaded = [Scenario.load(name, overrides, seed=seed) for name in scenarios]
+    make_new_folder(output)
     results: dict[str, dict[str, float]] = {}
-    for scenario in scenarios:
+    for scenario in loaded:
         with Progress(scenario.name) as progress:
-            errors = study(scenario, args.frames, args.output, progress)
+            errors = study(scenario, frames, output, progress)
         results[scenario.name] = errors.summary()
     print_table(('', *results), 1, (
         (row, *(_formatted(row, of[row]) for of in results.values()))
         for row in next(iter(results.values()))), title='SGM against true depth')
-    atomic_write(args.output / 'stereo.json', json.dumps(results, indent=1) + '\n', ConfigError)
-    say(f'written to {args.output}')
+    atomic_write(output / 'stereo.json', json.dumps(results, indent=1) + '\n', ConfigError)
+    say(f'written to {output}')
     return 0
 
 

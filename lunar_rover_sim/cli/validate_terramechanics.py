@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Sequence
 import functools
+from pathlib import Path
 
 from lunar_rover_sim.base.files.paths import make_new_folder
 from lunar_rover_sim.cli import options
@@ -15,39 +16,37 @@ from lunar_rover_sim.judge.studies.terramechanics import (Ground, GROUNDS, measu
 from lunar_rover_sim.run.scenario import Scenario
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.description = (
-        'Walks on several grounds: on the level, up slopes of 0 to 30 degrees, and against a'
-        ' pull. Writes terramechanics.md, terramechanics.csv and terramechanics.png.')
-    options.add_scenario(parser, 'flat')
-    options.add_overrides(parser)
-    parser.add_argument('--grounds', nargs='+', default=list(GROUNDS), metavar='NAME',
-                        help='grounds to walk on: rigid, or presets of soil (default: '
-                             f'{" ".join(GROUNDS)})')
-    options.add_number(parser, '--speed', 0.0, unit='m/s', above=True, default=0.12, metavar='V',
-                       help='commanded speed')
-    options.add_number(parser, '--duration', SKIP_S, unit='s', above=True, default=13.0,
-                       metavar='S', help='length of each walk')
-    options.add_workers(parser, 'processes that share the walks', None)
-    options.add_new_folder(parser, 'folder to write to', 'terramechanics')
+@options.command(scenarios=True)
+@options.scenario('flat')
+@options.overrides()
+@options.several('--grounds', default=GROUNDS, metavar='NAME...',
+                 help='grounds to walk on: rigid, or presets of soil')
+@options.bounded('--speed', 0.0, unit='m/s', above=True, default=0.12, metavar='V',
+                 help='commanded speed')
+@options.bounded('--duration', SKIP_S, unit='s', above=True, default=13.0, metavar='S',
+                 help='length of each walk')
+@options.workers('processes that share the walks', None)
+@options.new_folder('folder to write to', 'terramechanics')
+def terramechanics(scenario: str, overrides: list[str], grounds: Sequence[str], speed: float,
+                   duration: float, workers: int, output: Path) -> int:
+    """Walk on several grounds.
 
-
-def run(args: argparse.Namespace) -> int:
-    """Measure, write the report."""
-    for name in args.grounds:
+    On the level, up slopes of 0 to 30 degrees, and against a pull. Writes terramechanics.md,
+    terramechanics.csv and terramechanics.png.
+    """
+    for name in grounds:
         Ground(name).config()   # raises ConfigError for one that does not exist
-    scenario = Scenario.load(args.scenario, args.overrides)
-    gait = scenario.gait_controller_node
-    settings = WalkSettings(scenario.rover, scenario.physics_node, gait, args.speed, args.duration)
-    make_new_folder(args.output)
+    loaded = Scenario.load(scenario, overrides)
+    gait = loaded.gait_controller_node
+    settings = WalkSettings(loaded.rover, loaded.physics_node, gait, speed, duration)
+    make_new_folder(output)
 
-    grounds = [Ground(name, slope) for name in args.grounds for slope in SLOPES_DEG]
-    grounds += [Ground(name, 0.0, pull) for name in args.grounds for pull in PULLS[1:]]
+    cases = [Ground(name, slope) for name in grounds for slope in SLOPES_DEG]
+    cases += [Ground(name, 0.0, pull) for name in grounds for pull in PULLS[1:]]
     with Progress('walking') as progress:
-        walks = map_in_processes(functools.partial(measure, settings), grounds, args.workers,
+        walks = map_in_processes(functools.partial(measure, settings), cases, workers,
                                  lambda _, done, total: progress(done, total))
-    text = terramechanics_report.write_all(walks, args.output)
+    text = terramechanics_report.write_all(walks, output)
     print_markdown(text)
-    say(f'written: {args.output}')
+    say(f'written: {output}')
     return 0

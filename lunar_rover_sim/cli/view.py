@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 import contextlib
 import os
+from pathlib import Path
 import threading
 import time
 from typing import Any
+
+import click
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.frames import BASE_FRAME
@@ -25,35 +27,33 @@ _AMBIENT, _DIFFUSE = 0.3, 0.6       # of the headlight: the model has no other l
 _CLOSE_S = 10.0
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.description = ("Walk in MuJoCo's viewer: physics and gait controller, no images, no "
-                          'ROS. Its window shows contacts, forces and joints.')
-    options.add_scenario(parser, 'flat')
-    parser.add_argument('--speed', type=float, default=0.12, metavar='M/S',
-                        help='commanded speed ahead (default: 0.12)')
-    parser.add_argument('--turn', type=float, default=0.0, metavar='RAD/S',
-                        help='commanded turn rate, to the left (default: 0)')
-    parser.add_argument('--duration', type=float, metavar='S',
-                        help='simulated time; by default until the window is closed')
-    options.add_number(parser, '--rtf', 0.0, above=True, default=1.0, metavar='FACTOR',
-                       help='simulated time per wall time')
-    options.add_world(parser)
-    options.add_seed(parser)
-    options.add_overrides(parser, help='set a parameter, such as gait_controller_node.duty_factor')
+@options.command(scenarios=True)
+@options.scenario('flat')
+@click.option('--speed', type=float, default=0.12, metavar='M/S', help='commanded speed ahead')
+@click.option('--turn', type=float, default=0.0, metavar='RAD/S',
+              help='commanded turn rate, to the left')
+@click.option('--duration', type=float, metavar='S',
+              help='simulated time; by default until the window is closed')
+@options.bounded('--rtf', 0.0, above=True, default=1.0, metavar='FACTOR',
+                 help='simulated time per wall time')
+@options.world()
+@options.seed()
+@options.overrides(help='set a parameter, such as gait_controller_node.duty_factor')
+def view(scenario: str, speed: float, turn: float, duration: float | None, rtf: float,
+         world: Path | None, seed: int | None, overrides: list[str]) -> int:
+    """Walk in MuJoCo's viewer, until its window is closed.
 
-
-def run(args: argparse.Namespace) -> int:
-    """Walk until the window is closed."""
-    scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed, world=args.world)
+    Physics and gait controller, no images, no ROS. The window shows contacts, forces and joints.
+    """
+    loaded = Scenario.load(scenario, overrides, seed=seed, world=world)
     if not os.environ.get('DISPLAY') and not os.environ.get('WAYLAND_DISPLAY'):
         raise ConfigError("view: there is no display (DISPLAY is not set) for MuJoCo's window")
     with Progress('building the world'):
-        world = load_world(args.world or cached(scenario.world, scenario.shared.seed))
-    gait = scenario.gait_controller()
-    gait.set_velocity(args.speed, args.turn)
-    node = scenario.physics_node
-    with scenario.simulation(world) as simulation, _window(simulation) as window:
+        ground = load_world(world or cached(loaded.world, loaded.shared.seed))
+    gait = loaded.gait_controller()
+    gait.set_velocity(speed, turn)
+    node = loaded.physics_node
+    with loaded.simulation(ground) as simulation, _window(simulation) as window:
         steps = node.state_period_ns // node.step_ns
         state, shown_s, start_s = simulation.state, 0.0, time.monotonic()
         while window.is_running():
@@ -62,12 +62,12 @@ def run(args: argparse.Namespace) -> int:
             with window.lock():
                 state = simulation.advance(steps)
             now_s = state.stamp_ns * 1e-9
-            if args.duration is not None and now_s >= args.duration:
+            if duration is not None and now_s >= duration:
                 break
-            if now_s - shown_s >= _FRAME_S * args.rtf:
+            if now_s - shown_s >= _FRAME_S * rtf:
                 shown_s = now_s
                 window.sync()
-                time.sleep(max(0.0, start_s + now_s / args.rtf - time.monotonic()))
+                time.sleep(max(0.0, start_s + now_s / rtf - time.monotonic()))
     x, y = state.position_m[:2]
     say(f'{state.stamp_ns * 1e-9:.1f} s, at ({x:.2f}, {y:.2f}) m')
     return 0

@@ -1,7 +1,5 @@
 """--json: one object on stdout and nothing else, for every command that has a result to read."""
 
-import argparse
-from collections.abc import Iterator
 import json
 from pathlib import Path
 from typing import Any
@@ -14,7 +12,8 @@ import worlds
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.campaign.campaign_file import parse_campaign
 from lunar_rover_sim.campaign.dataset import Dataset
-from lunar_rover_sim.cli.main import main, parser
+from lunar_rover_sim.cli import main as main_module
+from lunar_rover_sim.cli.main import load, main
 from lunar_rover_sim.ground.world.world_folder import save_world
 from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum
 from lunar_rover_sim.judge.evaluation.trajectory_sources import trajectory_of_topic
@@ -70,19 +69,10 @@ def _inputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return inputs
 
 
-def leaves(root: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-    """Yield the parsers of the commands that have arguments."""
-    groups = [a for a in root._actions if isinstance(a, argparse._SubParsersAction)]
-    for child in (c for group in groups for c in group.choices.values()):
-        yield from leaves(child)
-    if not groups:
-        yield root
-
-
 def test_the_table_is_complete() -> None:
     """Every command has --json, or a reason why not."""
-    found = {command.prog.removeprefix('lunar_rover_sim '): '--json' in
-             command._option_string_actions for command in leaves(parser())}
+    found = {name: any('--json' in param.opts for param in load(name).params)
+             for name in main_module.COMMANDS}
     without = [name for names in WITHOUT.values() for name in names]
     assert found == {**dict.fromkeys(COMMANDS, True), **dict.fromkeys(without, False)}
 

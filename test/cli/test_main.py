@@ -1,109 +1,121 @@
-"""The command line as a whole: a table of commands, and only the chosen one is imported."""
+"""The command line as a whole: help, words that no command takes, completion, progress."""
 
-import argparse
-from collections.abc import Iterator
 import json
+import os
 from pathlib import Path
-import pkgutil
 import re
 import resource
 import subprocess
 import sys
 import time
+from typing import Any
 
+from command_line import given
 import pytest
 
-from lunar_rover_sim import cli
 from lunar_rover_sim.cli import terminal
-from lunar_rover_sim.cli.main import COMMANDS, main, parse, parser
+from lunar_rover_sim.cli.main import COMMANDS, GROUPS, load, main
+from lunar_rover_sim.run.scenario import Scenario
 
-HEAVY = {'cv2', 'matplotlib', 'mujoco', 'numpy', 'rclpy', 'scipy'}
+HEAVY = {'cv2', 'matplotlib', 'mujoco', 'numpy', 'rclpy', 'rich', 'scipy', 'yaml'}
+BAD_INPUT = {
+    # A command that does not exist.
+    'rnu baseline': (1, 'rnu: no such command; did you mean run?'),
+    'bag chek x': (1, 'bag chek: no such command; did you mean bag check'),
+    'validate stero': (1, 'did you mean validate stereo'),
+    'xyzzy': (1, 'xyzzy: no such command; see lunar_rover_sim --help'),
+    # An option that does not exist, lacks its value, or does not go with another one.
+    'run flat --durration 3': (2, "'--durration'. Did you mean '--duration'? See lunar_rover_sim "
+                                  'run --help'),
+    'evaluate a b --aling se3': (2, "Did you mean '--align'?"),
+    'world sun 0 -89 --stpe 3': (2, "No such option '--stpe'"),
+    'run flat': (2, "Missing option '-o' / '--output'"),
+    'run flat -o': (2, "'-o' requires an argument"),
+    'benchmark -o {new} --scenarios --seeds 2': (2, "'--scenarios' requires an argument"),
+    'run flat dem -o {new}': (2, 'unexpected extra argument (dem)'),
+    'run flat -o {new} --goal 1,2 --route circle': (2, '--goal, --route: both are given'),
+    'world build -o {new} --dem a.tif --mesh b.obj': (2, '--dem, --mesh: both are given'),
+    # A value that is not valid: name, value and what is.
+    'bag export x -o {new} --format eurok': (2, "'eurok' is not valid; did you mean euroc?"),
+    'bag export x -o {new} --epoch soon': (2, "'--epoch': 'soon' is not a date; valid is YYYY"),
+    'run flat -o {new} --duration abc': (2, "'--duration': 'abc' is not a number"),
+    'run flat -o {new} --duration nan': (1, '--duration: nan is not valid; valid is > 0 [s]'),
+    'run flat -o {new} --duration -3': (1, '--duration: -3 is not valid; valid is > 0 [s]'),
+    'run flat -o {new} --goal 1': (1, '1: is no place; valid is X,Y [m]'),
+    'render flat -o {new} --pose 1,2': (2, "'1,2' is not 3 or 4 numbers"),
+    'render flat -o {new} --chase-from 1,2,x': (2, "'1,2,x' is not a list of numbers"),
+    'bag video x -o {new}.mp4 --tripod 1,nan,2': (2, 'valid is finite numbers'),
+    'validate locomotion -o {new} --speeds 0.1 0': (1, '--speeds: 0 is not valid; valid is > 0'),
+    'parameters physics': (1, "section: 'physics' is not valid; did you mean physics_node"),
+    'parameters render_node.sunn': (1, 'did you mean sun?'),
+    'parameters --search xyzzy': (1, "no parameter has 'xyzzy'"),
+}
 
 
-def leaves(root: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-    """Yield the parsers of the commands that have arguments."""
-    groups = [a for a in root._actions if isinstance(a, argparse._SubParsersAction)]
-    for child in (c for group in groups for c in group.choices.values()):
-        yield from leaves(child)
-    if not groups:
-        yield root
+@pytest.mark.parametrize('line', BAD_INPUT)
+def test_bad_input_is_one_line(line: str, tmp_path: Path,
+                               capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing on stdout, nothing written."""
+    status, words = BAD_INPUT[line]
+    assert main(line.format(new=tmp_path / 'new').split()) == status
+    said = capsys.readouterr()
+    assert said.err.startswith('lunar_rover_sim: ') and words in said.err
+    assert said.err.count('\n') == 1 and not said.out and not list(tmp_path.iterdir())
 
 
-def test_every_module_is_in_the_table() -> None:
-    modules = {info.name for info in pkgutil.iter_modules(cli.__path__)}
-    modules -= {'help_format', 'main', 'options', 'terminal'}
-    assert {command.module for command in COMMANDS.values()} == modules
-
-
-@pytest.mark.parametrize('name', COMMANDS)
+@pytest.mark.parametrize('name', [*COMMANDS, *GROUPS, ''])
 def test_every_command_has_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        parser().parse_args([*name.split(), '--help'])
-    assert ended.value.code == 0
-    assert f'usage: lunar_rover_sim {name}' in capsys.readouterr().out
+    assert main([*name.split(), '--help']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith(f'Usage: lunar_rover_sim {name}'.rstrip())
+    assert max(map(len, lines)) <= 100
+    if name in COMMANDS:
+        assert re.match('  [A-Z]', lines[2] or lines[3])    # a sentence of its own
 
 
-@pytest.mark.parametrize('words', [['--help'], ['validate', '--help'], ['--version']])
+@pytest.mark.parametrize('words', [[], ['bag'], ['evaluate']])
+def test_no_command_shows_the_help(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 2
+    assert 'Commands:' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('words', [['--help'], ['validate', '--help'], ['--version'], ['rnu']])
 def test_help_is_quick(words: list[str]) -> None:
     """Help of the whole imports no library that takes time."""
     code = ('import sys\n'
             'from lunar_rover_sim.cli.main import main\n'
-            'try:\n'
-            f'    main({words!r})\n'
-            'finally:\n'
-            f'    sys.exit(len(set(sys.modules) & {HEAVY!r}))\n')
-    assert subprocess.run([sys.executable, '-c', code], stdout=subprocess.DEVNULL).returncode == 0
+            f'main({words!r})\n'
+            f'sys.exit(len(set(sys.modules) & {HEAVY!r}))\n')
+    assert subprocess.run([sys.executable, '-c', code], capture_output=True).returncode == 0
 
 
-def test_lists_may_begin_with_a_negative_number() -> None:
-    args = parse(['render', 'flat', '--pose', '-2,3,240', '--pose=-.5,1,2', '--joints',
-                  '-1,2,-3,4', '-o', 'out'])
-    assert args.pose == [(-2.0, 3.0, 240.0), (-0.5, 1.0, 2.0)]
-    assert args.joints == (-1.0, 2.0, -3.0, 4.0)
-    assert parse(['world', 'preview', 'folder', '--sun', '-60', '6']).sun == [-60.0, 6.0]
+def test_values_that_begin_with_a_minus() -> None:
+    args = given('render', 'flat', '--pose', '-2,3,240', '--pose=-.5,1,2', '--joints',
+                 '-1,2,-3,4', '-o', 'out')
+    assert args['poses'] == ((-2.0, 3.0, 240.0), (-0.5, 1.0, 2.0))
+    assert args['joints'] == (-1.0, 2.0, -3.0, 4.0)
+    assert given('world', 'preview', 'folder', '--sun', '-60', '6')['sun'] == (-60.0, 6.0)
+    assert given('world', 'sun', '-30', '-89.5', '--step', '2')['place'] == ('-30', '-89.5')
 
 
-@pytest.mark.parametrize(('words', 'message'), [
-    (['render', 'flat', '-o', 'out', '--pose', '1,2'], "'1,2' is not 3 or 4 numbers"),
-    (['render', 'flat', '-o', 'out', '--chase-from', '1,2,x'], "'1,2,x' is not a list of numbers"),
-    (['bag', 'video', 'x', '-o', 'y.mp4', '--from', '1,2'], "'1,2' is not 3 numbers"),
-    (['bag', 'video', 'x', '-o', 'y.mp4', '--tripod', '1,nan,2'], 'valid is finite numbers'),
-])
-def test_lists_of_numbers_are_checked(words: list[str], message: str,
-                                      capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        parse(words)
-    assert message in capsys.readouterr().err
+def test_options_of_several_values() -> None:
+    """One after the other, repeated, none where none is valid, and the default."""
+    words = ['validate', 'locomotion', 'flat', '-o', 'out']
+    assert given(*words, '--speeds', '0.1', '0.2', '--seeds', '3')['speeds'] == (0.1, 0.2)
+    assert given(*words, '--speeds', '0.1', '--speeds', '0.2')['speeds'] == (0.1, 0.2)
+    assert given(*words, '--grounds')['grounds'] == ()
+    assert given(*words)['grounds'][0] == 'rigid'
+    assert given('run', 'flat', '-o', 'x', '--view')['view'] == 8765
+    assert given('run', 'flat', '-o', 'x', '--view', '9000')['view'] == 9000
 
 
-@pytest.mark.parametrize(('words', 'hint'), [
-    (['bag', 'chek', 'x'], '; did you mean check?'),
-    (['bag', 'export', 'x', '-o', 'y', '--format', 'eurok'], '; did you mean euroc?'),
-])
-def test_mistyped_words_of_a_command_are_offered(words: list[str], hint: str,
-                                                 capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        parse(words)
-    assert ended.value.code == 2
-    assert capsys.readouterr().err.rstrip().endswith(hint)
-
-
-def test_errors_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['parameters', 'physics']) == 1
-    error = capsys.readouterr().err
-    assert error.startswith('lunar_rover_sim: section:') and error.count('\n') == 1
-
-
-@pytest.mark.parametrize(('words', 'hint'), [
-    (['rnu', 'baseline'], 'rnu: no such command; did you mean run?'),
-    (['validate', 'stero'], 'validate stero: no such command; did you mean validate stereo'),
-    (['parameters', 'render_node.sunn'], 'did you mean sun?'),
-    (['parameters', '--search', 'no such thing'], "no parameter has 'no such thing'")])
-def test_mistyped_words_get_a_hint(words: list[str], hint: str,
-                                   capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(words) == 1
-    error = capsys.readouterr().err
-    assert hint in error and error.count('\n') == 1
+def test_set_goes_before_fast(tmp_path: Path) -> None:
+    """In the settings of a camera that `slam settings` writes."""
+    for words, width in (([], 640), (['--fast'], 320),
+                         (['--fast', '--set', 'render_node.camera.width=400'], 400)):
+        path = tmp_path / f'{width}.yaml'
+        assert main(['slam', 'settings', 'flat', '-o', str(path), *words]) == 0
+        assert f'Camera.width: {width}\n' in path.read_text()
 
 
 @pytest.mark.parametrize(('columns', 'width'), [('', 100), ('60', 60)])
@@ -121,24 +133,14 @@ def test_parameters_are_found(columns: str, width: int, capsys: pytest.CaptureFi
     assert 'albedo.fresh_crater' in found and 'duty_factor' not in found
 
 
-@pytest.mark.parametrize('name', COMMANDS)
-def test_one_vocabulary(name: str) -> None:
-    """What means the same has one name; the other one is understood and not shown."""
-    for command in leaves(parser([name])):
-        seen = {word: action for action in command._actions for word in action.option_strings}
-        for shown, hidden in (('--overwrite', '--force'), ('--workers', '--jobs')):
-            assert (shown in seen) == (hidden in seen), command.prog
-            if shown in seen:
-                assert seen[hidden].help == argparse.SUPPRESS
-                assert seen[shown].dest == seen[hidden].dest
-        assert '--set' not in seen or seen['--set'].dest == 'overrides'
-        assert max(map(len, command.format_help().splitlines())) <= 100
-
-
-def test_the_help_of_run_lists_the_scenarios(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(['run', '--help'])
-    assert 'packaged scenarios: baseline, ' in capsys.readouterr().out
+@pytest.mark.parametrize('text', ['sun.elevation_deg=5', 'elevation_deg=5',
+                                  'render_node.elevation_deg=5', 'render.sun.elevation_deg=5'])
+def test_a_parameter_without_its_section_is_offered(text: str, tmp_path: Path,
+                                                    capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['render', 'flat', '-o', str(tmp_path / 'x'), '--set', text]) == 1
+    assert 'did you mean render_node.sun.elevation_deg' in capsys.readouterr().err
+    with pytest.raises(Exception, match='did you mean render_node.sun.elevation_deg'):
+        Scenario.load('flat', [text])
 
 
 def test_progress_in_a_pipe(capsys: pytest.CaptureFixture[str],
@@ -173,31 +175,42 @@ def test_json_has_no_number_that_json_lacks(capsys: pytest.CaptureFixture[str]) 
     assert json.loads(text) == {'ate_m': None, 'pairs': [[1, None]], 'name': 'Größe'}
 
 
-def test_completion_of_scenarios_and_parameters(capsys: pytest.CaptureFixture[str],
-                                                tmp_path: Path) -> None:
-    """In a real bash, as the key Tab asks for it."""
+def test_no_line_is_wider_than_the_terminal(capsys: pytest.CaptureFixture[str],
+                                            monkeypatch: pytest.MonkeyPatch) -> None:
+    """A path is not cut: it can be copied."""
+    monkeypatch.setenv('COLUMNS', '40')
+    path = '/a/folder/with/quite/a/long/name/of/its/own'
+    terminal.say(f'the pictures are in {path} and some more words follow here')
+    assert [len(line) <= 40 or line == f'  {path}' for line
+            in capsys.readouterr().out.splitlines()] == [True] * 3
+
+
+def completed(line: str, script: Path) -> set[str]:
+    """Return what a real bash offers for the last word of a line, as the key Tab asks for it."""
+    asked = subprocess.run(
+        ['bash', '-c', f'source {script}; COMP_WORDS=(lunar_rover_sim {line}); '
+         'COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); '
+         '_lunar_rover_sim_completion lunar_rover_sim; echo ${COMPREPLY[@]}'],
+        capture_output=True, text=True, check=True,
+        env={**os.environ, 'PATH': f'{script.parent}:{os.environ["PATH"]}'})
+    assert not asked.stderr
+    return set(asked.stdout.split())
+
+
+def test_completion(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Of commands, options, choices, scenarios and parameters."""
     assert main(['completion', 'bash']) == 0
     (tmp_path / 'script').write_text(capsys.readouterr().out)
-    for line, wanted in (('run basel', {'baseline'}),
+    program = tmp_path / 'lunar_rover_sim'
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m lunar_rover_sim.cli.main "$@"\n')
+    program.chmod(0o755)
+    for line, wanted in (('bag ch', {'check'}), ('run flat --dur', {'--duration'}),
+                         ('run basel', {'baseline'}), ('parameters world.cr', {'world.craters'}),
                          ('run flat --set render_node.sun.el', {'render_node.sun.elevation_deg='}),
-                         ('parameters world.cr', {'world.craters'}), ('run flat --dur',
-                                                                      {'--duration'})):
-        asked = subprocess.run(
-            ['bash', '-c', f'source ./script; COMP_WORDS=(lunar_rover_sim {line}); '
-             'COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); _shtab_lunar_rover_sim; '
-             'echo ${COMPREPLY[@]}'], cwd=tmp_path, capture_output=True, text=True)
-        assert set(asked.stdout.split()) == wanted, line
-
-
-@pytest.mark.parametrize('shell', ['bash', 'zsh'])
-def test_completion_knows_every_command(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['completion', shell]) == 0
-    script = capsys.readouterr().out
-    for name in COMMANDS:
-        assert name.split()[-1] in script
-    assert '--real-time' in script
-    if shell == 'bash':
-        subprocess.run(['bash', '-n'], input=script, text=True, check=True)
+                         ('xyzzy ', set())):
+        assert completed(line, tmp_path / 'script') == wanted, line
+    assert main(['completion', 'zsh']) == 0
+    assert capsys.readouterr().out.startswith('#compdef lunar_rover_sim')
 
 
 def test_few_open_files_are_named(capsys: pytest.CaptureFixture[str],
@@ -214,13 +227,21 @@ def test_few_open_files_are_named(capsys: pytest.CaptureFixture[str],
 def test_what_the_machine_lacks_is_one_line(capsys: pytest.CaptureFixture[str],
                                             monkeypatch: pytest.MonkeyPatch,
                                             error: BaseException, line: str) -> None:
-    def fail(_args: object) -> int:
+    def fail(**_: Any) -> int:
         raise error
 
-    monkeypatch.setattr('lunar_rover_sim.cli.parameters.run', fail)
+    monkeypatch.setattr(load('parameters'), 'callback', fail)
     assert main(['parameters']) == 1
     printed = capsys.readouterr().err
     assert printed.startswith(f'lunar_rover_sim: {line}') and printed.count('\n') == 1
+
+
+def test_a_reader_that_has_seen_enough_is_no_error() -> None:
+    """`| head -1`: status 0 and no complaint, though much more is to be printed."""
+    done = subprocess.run(
+        ['bash', '-c', f'{sys.executable} -m lunar_rover_sim.cli.main parameters | head -1; '
+         'echo ${PIPESTATUS[0]}'], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == '0' and not done.stderr
 
 
 def test_warnings_of_libraries_are_not_shown() -> None:

@@ -6,11 +6,11 @@ import ast
 from pathlib import Path
 import re
 
+from command_line import given
 import pytest
 from snippets import commands, ROOT, snippets
 
 from lunar_rover_sim.base.files.paths import packaged_names
-from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.companion_config import COMPANION_CONFIGS
 from lunar_rover_sim.run.node_config import NODE_CONFIGS
@@ -50,9 +50,9 @@ def test_command_line(words: list[str]) -> None:
 
 def check_ours(words: list[str]) -> None:
     """Parse a command line of ours; load its scenario with what it sets."""
-    arguments = parse(words)
-    overrides = getattr(arguments, 'overrides', [])
-    scenario = getattr(arguments, 'scenario', None)
+    arguments = given(*words)
+    overrides = arguments.get('overrides', [])
+    scenario = arguments.get('scenario')
     if scenario in packaged_names('scenario') and scenario != 'dem':
         Scenario.load(scenario, [text for text in overrides if not text.startswith('rover=')])
 

@@ -6,7 +6,6 @@ import fcntl
 import hashlib
 import os
 from pathlib import Path
-import resource
 import stat
 import sys
 import tempfile
@@ -207,17 +206,6 @@ def lock(path: Path, mode: int | None = 0o644) -> int:
         os.close(descriptor)
         raise
     return descriptor
-
-
-_LEAST = 64
-
-
-def check_open_files() -> None:
-    """Raise ConfigError if a process may open so few files that libraries cannot be loaded."""
-    limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-    if 0 <= limit < _LEAST:
-        raise ConfigError(f'{limit} open files are allowed; at least {_LEAST} are needed; raise '
-                          f'the limit with `ulimit -n {_LEAST}`')
 
 
 def counted(count: int, thing: str) -> str:

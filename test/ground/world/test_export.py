@@ -14,7 +14,7 @@ import trimesh
 import worlds
 
 from lunar_rover_sim.base.errors import ConfigError, WorldError
-from lunar_rover_sim.cli.main import parse
+from lunar_rover_sim.cli.main import execute
 from lunar_rover_sim.ground.world import export, map_sheet, shade, world_folder
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.orbital import OrbitalErrors, PHOTO, write_features, write_map
@@ -196,8 +196,7 @@ def test_a_preview_that_cannot_be_written_is_named(tmp_path, monkeypatch):
 
 def call(*argv):
     """Run a world command; return its exit status."""
-    args = parse(['world', *argv])
-    return args.run(args)
+    return execute(['world', *argv])
 
 
 SMALL = ['--set', 'world.surroundings.samples=129', '--set', 'world.surroundings.extent_m=60']

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from command_line import given
 import cv2
 from judge.evaluation.image_sets import write_set
 from matplotlib.figure import Figure
@@ -12,7 +13,7 @@ import pytest
 
 from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.files.images import write_png
-from lunar_rover_sim.cli.main import main, parse
+from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.judge.evaluation import statistics
 from lunar_rover_sim.judge.evaluation.image_comparison import (compare_images, ImageComparison,
                                                                MeasureRow)
@@ -206,5 +207,5 @@ def test_the_group_has_a_default() -> None:
     """`evaluate A B` is `evaluate trajectory A B`, also with options before its files."""
     for words in (['evaluate', 'a', 'b'], ['evaluate', '--align', 'sim3', 'a', 'b'],
                   ['-v', 'evaluate', 'trajectory', 'a', 'b']):
-        assert parse(words).truth == 'a'
-    assert parse(['evaluate', 'images', 'a', 'b']).first == 'a'
+        assert given(*words)['truth'] == 'a'
+    assert given('evaluate', 'images', 'a', 'b')['first'] == 'a'

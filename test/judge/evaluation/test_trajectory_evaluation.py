@@ -12,7 +12,7 @@ import synthetic_bag as synthetic
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError, EvaluationError
 from lunar_rover_sim.base.frames import inverse, se3
-from lunar_rover_sim.cli.main import parse
+from lunar_rover_sim.cli.main import execute
 from lunar_rover_sim.judge.evaluation import trajectory_files
 from lunar_rover_sim.judge.evaluation import trajectory_sources as sources
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
@@ -35,8 +35,8 @@ def test_the_command_notes_a_moved_map_or_else_a_wrong_frame(bag, tmp_path, caps
     def said(positions_m):
         trajectory_files.write_tum(tmp_path / 'estimate.txt', dataclasses.replace(
             turned, positions_m=positions_m))
-        args = parse(['evaluate', str(bag), str(tmp_path / 'estimate.txt'), '--align', 'none'])
-        assert args.run(args) == 0
+        args = ['evaluate', str(bag), str(tmp_path / 'estimate.txt'), '--align', 'none']
+        assert execute(args) == 0
         return [line for line in capsys.readouterr().out.splitlines() if line.startswith('note')]
 
     notes = said(truth.positions_m)
@@ -73,9 +73,9 @@ def test_the_command_judges_a_bag(bag, tmp_path, capsys):
     camera = camera.moved(inverse(start)[:3, :3], inverse(start)[:3, 3]).select(keep)
     trajectory_files.write_tum(tmp_path / 'CameraTrajectory.txt', camera)
     output = tmp_path / 'out'
-    args = parse(['evaluate', str(bag), str(tmp_path / 'CameraTrajectory.txt'),
-                  '--estimate-frame', 'left', '-o', str(output)])
-    assert args.run(args) == 0
+    args = ['evaluate', str(bag), str(tmp_path / 'CameraTrajectory.txt'),
+            '--estimate-frame', 'left', '-o', str(output)]
+    assert execute(args) == 0
     result = json.loads((output / 'evaluation.json').read_text())
     assert result['ate_m']['max'] < 1e-9
     assert result['tracked_share'] == pytest.approx(12 / 15)

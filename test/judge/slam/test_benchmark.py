@@ -17,7 +17,7 @@ from waiting import LIMIT_S
 
 from lunar_rover_sim.base.errors import GraphError, SlamError
 from lunar_rover_sim.base.frames import wxyz_from_rpy
-from lunar_rover_sim.cli.main import parse
+from lunar_rover_sim.cli.main import execute
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
 from lunar_rover_sim.judge.slam import benchmark, table
 from lunar_rover_sim.judge.slam.benchmark import Cell, plan
@@ -262,13 +262,13 @@ def test_bad_plans(fake, arguments, message) -> None:
 def test_command_line(tmp_path, bag, fake, monkeypatch, capsys) -> None:
     """A sweep, from the command line to the files."""
     recorder = Recorder(bag)
-    monkeypatch.setattr(benchmark, 'run', functools.partial(benchmark.run, recorder=recorder))
+    monkeypatch.setattr('lunar_rover_sim.cli.benchmark.run_cells',
+                        functools.partial(benchmark.run, recorder=recorder))
     words = ['benchmark', '-o', str(tmp_path / 'out'), '--scenarios', 'flat', '--seeds', '2-3',
              '--duration', '2', '--sweep', 'render_node.sun.elevation_deg=2,10', '--system',
              'command', '--run', fake[0].command, '--estimate-frame', 'imu',
              '--sensors', 'mono']
-    args = parse(words)
-    assert args.run(args) == 0
+    assert execute(words) == 0
     assert len(recorder.drives) == 4
     printed = capsys.readouterr().out
     text = (tmp_path / 'out/command.md').read_text()
@@ -282,7 +282,7 @@ def test_command_line(tmp_path, bag, fake, monkeypatch, capsys) -> None:
                        .read_text())
     assert drive['value'] == '2'
     recorder.drives.clear()
-    assert args.run(args) == 0 and not recorder.drives
-    args = parse([*words[:7], '--sweep', 'render_node.sun.elevatoin_deg=2,10'])
+    assert execute(words) == 0 and not recorder.drives
+    args = [*words[:7], '--sweep', 'render_node.sun.elevatoin_deg=2,10']
     with pytest.raises(Exception, match='elevation_deg'):
-        args.run(args)
+        execute(args)

@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 
 from lunar_rover_sim.base.errors import SlamError
-from lunar_rover_sim.cli.main import main, parse
+from lunar_rover_sim.cli.main import execute, main
 from lunar_rover_sim.judge.evaluation.statistics import Comparison, Median, Share
 from lunar_rover_sim.judge.slam import table
 from lunar_rover_sim.judge.slam.benchmark_report import curves, html_report
@@ -171,8 +171,8 @@ def test_command_line(tmp_path, capsys) -> None:
               for seed in range(1, 7)]
     parts = [written(tmp_path / f'{k}.csv', [one for one in drives if one.drive.seed % 2 == k])
              for k in (0, 1)]
-    args = parse(['slam', 'table', *map(str, parts), '-o', str(tmp_path / 'out' / 'deep')])
-    assert args.run(args) == 0
+    args = ['slam', 'table', *map(str, parts), '-o', str(tmp_path / 'out' / 'deep')]
+    assert execute(args) == 0
     printed = capsys.readouterr().out
     assert printed.count('6/6') == 8
     out = tmp_path / 'out' / 'deep'
@@ -190,9 +190,9 @@ def test_curves_of_a_sweep(tmp_path) -> None:
                      parameter='render_node.sun.elevation_deg', value=value)
               for system in ('reference', 'orbslam3') for value in ('2', '6', '15')
               for seed in range(1, 9)]
-    args = parse(['slam', 'table', str(written(tmp_path / 'a.csv', drives)), '-o',
-                  str(tmp_path / 'out')])
-    assert args.run(args) == 0
+    args = ['slam', 'table', str(written(tmp_path / 'a.csv', drives)), '-o',
+            str(tmp_path / 'out')]
+    assert execute(args) == 0
     assert (tmp_path / 'out/table.png').stat().st_size > 10_000
     assert '- baseline 2 stereo orbslam3, seed 1: tracked 0 %' in (
         tmp_path / 'out/table.md').read_text()

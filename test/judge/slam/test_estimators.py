@@ -16,7 +16,7 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import BagError, EvaluationError, ProcessError, SlamError
 from lunar_rover_sim.base.seconds import EPOCH_NS
-from lunar_rover_sim.cli.main import main, parse
+from lunar_rover_sim.cli.main import execute, main
 from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum
 from lunar_rover_sim.judge.evaluation.trajectory_sources import load
 from lunar_rover_sim.judge.slam import euroc_reader
@@ -247,9 +247,8 @@ def test_command_line(tmp_path, bag, capsys) -> None:
     assert json.loads((tmp_path / 'result' / 'result.json').read_text())['tracked_share'] == 0.0
     assert main(words) == 1
     assert 'result exists; name a new folder' in capsys.readouterr().err
-    args = parse(['slam', 'run', '/no/bag', '-o', str(tmp_path / 'nothing')])
     with pytest.raises(BagError, match='there is no such bag'):
-        args.run(args)
+        execute(['slam', 'run', '/no/bag', '-o', str(tmp_path / 'nothing')])
     assert not (tmp_path / 'nothing').exists()
 
 

@@ -14,7 +14,7 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError, SequenceError
 from lunar_rover_sim.base.frames import inverse
 from lunar_rover_sim.base.seconds import EPOCH_NS, from_seconds
-from lunar_rover_sim.cli.main import parse
+from lunar_rover_sim.cli.main import execute
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.judge.evaluation import trajectory_files
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
@@ -155,16 +155,16 @@ def test_evaluation_of_an_estimate_in_the_time_of_a_sequence(tmp_path, bag):
 
 
 def test_epoch_of_the_command_line(tmp_path, bag):
-    args = parse(['bag', 'export', str(bag), '-o', str(tmp_path / 'seq'), '--epoch',
-                  '2027-03-01T12:00:00'])
-    assert args.run(args) == 0
+    args = ['bag', 'export', str(bag), '-o', str(tmp_path / 'seq'), '--epoch',
+            '2027-03-01T12:00:00']
+    assert execute(args) == 0
     assert '2027-03-01T12:00:00 UTC' in (tmp_path / 'seq' / 'README.txt').read_text()
     first = (tmp_path / 'seq' / 'times.txt').read_text().split()[0]
     assert first == str(1_803_902_400 * 10**9 + 100_000_000)
-    args = parse(['bag', 'export', str(bag), '-o', str(tmp_path / 'k'), '--format', 'kitti',
-                  '--epoch', '2027-03-01'])
+    args = ['bag', 'export', str(bag), '-o', str(tmp_path / 'k'), '--format', 'kitti',
+            '--epoch', '2027-03-01']
     with pytest.raises(ConfigError, match='--epoch: is for --format euroc or tum, not for kitti'):
-        args.run(args)
+        execute(args)
     with pytest.raises(SequenceError, match='epoch_ns: -1 is not valid'):
         export(bag, tmp_path / 'early', epoch_ns=-1)
 
@@ -324,11 +324,11 @@ def test_settings_are_what_opencv_reads(tmp_path, bag, sensor, legacy):
 
 def test_settings_command_and_its_errors(tmp_path, bag):
     output = tmp_path / 'mono.yaml'
-    args = parse(['slam', 'settings', str(bag), '-o', str(output), '--sensor', 'mono'])
-    assert args.run(args) == 0
+    args = ['slam', 'settings', str(bag), '-o', str(output), '--sensor', 'mono']
+    assert execute(args) == 0
     assert 'Stereo' not in output.read_text()
     with pytest.raises(ConfigError, match='exists already'):
-        args.run(args)
+        execute(args)
     suite = described_sensors(RoverDescription(), CameraConfig(), ImuConfig(), 10.0, 0.0, 1.62)
     with pytest.raises(ConfigError, match='did you mean stereo'):
         settings(suite, 'stere')

@@ -1,0 +1,138 @@
+"""`lunar_rover_sim world export`: a world as a mesh file, a map or an OpenUSD stage."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import click
+
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.paths import check_file
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.terminal import Progress, say
+from lunar_rover_sim.ground.regolith.patch import changed_patch, save_patch
+from lunar_rover_sim.ground.world.export import write as write_mesh
+from lunar_rover_sim.ground.world.orbital import (HEIGHTS, OrbitalErrors, PHOTO, SUFFIXES,
+                                                  write_features, write_map)
+from lunar_rover_sim.ground.world.world_folder import load_world
+from lunar_rover_sim.products.usd.names import is_stage, stage_bytes
+from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
+from lunar_rover_sim.run.recorded_run import RecordedRun
+from lunar_rover_sim.run.scenario import Scenario
+
+
+@options.command()
+@options.argument('folder', 'world folder (default with --at: the world of the recording)',
+                  required=False, type=options.PATH, metavar='[FOLDER]')
+@options.output(check_file, 'FILE', 'file to write; its suffix says the format: .glb, .obj, .ply, '
+                '.tif (heights, or with --photo an orthophoto), .geojson (rocks and craters), or '
+                '.usd, .usda, .usdc, .usdz for a stage; with --at also .npz: x, y, height, height '
+                'change and compaction [m]')
+@options.overwrite()
+@click.option('--stride', type=int, default=0, metavar='N', show_default=False, help='mesh file: '
+              'keep every N-th sample of the ground (default: 513 along a side)')
+@click.option('--no-rocks', is_flag=True, help='mesh file: leave the rocks out')
+@click.option('--surroundings', is_flag=True, help='mesh file: add the coarse levels')
+@click.option('--at', type=options.PATH, metavar='BAG', help='mesh file: with the tracks that a '
+              'recording left on soft ground')
+@click.option('--time', type=float, metavar='S', help='mesh file: simulated time of these tracks '
+              '[s] (default: the end)')
+@options.bounded('--resolution', 0.001, unit='m', default=1.0, metavar='M',
+                 help='map: side of a pixel of .tif')
+@click.option('--photo', is_flag=True, help='map: an orthophoto, lit by --sun, in place of '
+              'heights')
+@options.bounded('--height-error', 0.0, unit='m', default=0.0, metavar='M',
+                 help='map: standard deviation of the heights')
+@options.bounded('--shift-error', 0.0, unit='m', default=0.0, metavar='M',
+                 help='map: standard deviation of the shift of the whole map')
+@options.bounded('--noise', 0.0, 1.0, default=0.0, help='map: standard deviation of the '
+                 'brightness of a photo, of full scale')
+@options.bounded('--error-seed', 0, kind=int, default=1, help='map: seed of these errors')
+@options.scenario_option('stage: where sun, reflectance, gravity and friction are from (default: '
+                         'their defaults)')
+@options.sun('stage, photo: ')
+@click.option('--name', metavar='NAME', help='stage: of the default prim (default: World)')
+@click.option('--no-surroundings', is_flag=True,
+              help='stage: leave the coarse levels and distant rocks out')
+def export(folder: Path | None, output: Path, overwrite: bool, stride: int, no_rocks: bool,
+           surroundings: bool, at: Path | None, time: float | None, resolution: float,
+           photo: bool, height_error: float, shift_error: float, noise: float, error_seed: int,
+           scenario: str | None, sun: tuple[float, float] | None, name: str | None,
+           no_surroundings: bool) -> int:
+    """Write a mesh file (GLB, OBJ, PLY), a map (GeoTIFF, GeoJSON) or an OpenUSD stage.
+
+    Or the tracks of a recording in a mesh file, or as heights (NPZ).
+    """
+    if output.suffix.lower() in SUFFIXES:
+        if folder is None or at is not None:
+            raise ConfigError(f'export: {output.name} needs the folder of a world, without --at')
+        options.refuse_existing(output, overwrite)
+        _export_map(folder, output, resolution, photo, sun,
+                    OrbitalErrors(height_error, shift_error, noise, error_seed))
+        return 0
+    of_stage = {'--scenario': scenario, '--sun': sun, '--name': name,
+                '--no-surroundings': no_surroundings}
+    of_mesh = {'--stride': stride, '--no-rocks': no_rocks, '--surroundings': surroundings}
+    foreign = of_mesh if is_stage(output) else of_stage
+    for option, value in foreign.items():
+        if value:
+            kind = 'mesh files' if foreign is of_mesh else 'stages'
+            raise ConfigError(f'{option}: is for {kind}, and {output} is none')
+    if at is not None and is_stage(output):
+        raise ConfigError(f'--at: is for mesh files and .npz, and {output} is none')
+    if at is None and (folder is None or time is not None or output.suffix.lower() == '.npz'):
+        raise ConfigError('export: give the folder of a world, or --at BAG; --time and .npz need '
+                          '--at')
+    if folder is not None and is_stage(output):
+        _export_stage(folder, output, scenario, sun, name, not no_surroundings, overwrite)
+    else:
+        options.refuse_existing(output, overwrite)
+        patch = None
+        if at is not None:
+            with open_bag(at) as bag:
+                world, overlay = RecordedRun(bag).ground(time, folder)
+            patch = changed_patch(world.ground, overlay)
+        else:
+            assert folder is not None
+            world = load_world(folder)
+        if patch is not None and output.suffix.lower() == '.npz':
+            save_patch(patch, output)
+        else:
+            write_mesh(world, output, stride, not no_rocks, surroundings, patch)
+    say(f'{output}: {stage_bytes(output) / 1e6:.1f} MB')
+    return 0
+
+
+def _export_map(folder: Path, output: Path, resolution_m: float, photo: bool,
+                sun: tuple[float, float] | None, errors: OrbitalErrors) -> None:
+    """Write heights, a photo, or rocks and craters."""
+    world = load_world(folder)
+    if output.suffix.lower() == '.geojson':
+        say(f'{output}: {write_features(world, output)} rocks and craters')
+        return
+    light = options.checked_sun(sun) if sun is not None else (60.0, 6.0)
+    write_map(world, output, resolution_m, PHOTO if photo else HEIGHTS, errors, light)
+    say(f'{output}: {output.stat().st_size / 1e6:.2f} MB')
+
+
+def _export_stage(folder: Path, output: Path, scenario: str | None,
+                  sun: tuple[float, float] | None, name: str | None, surroundings: bool,
+                  overwrite: bool) -> None:
+    # Here, because OpenUSD is an optional dependency.
+    from lunar_rover_sim.products.usd.drive_stage import settings_of
+    from lunar_rover_sim.products.usd.output import check_output, check_prim_name
+    from lunar_rover_sim.products.usd.world_stage import write_world
+    check_output(output, overwrite)
+    prim = check_prim_name('World' if name is None else name)
+    chosen = Scenario.load(scenario) if scenario else None
+    settings = settings_of(chosen.physics_node if chosen else PhysicsNodeConfig(),
+                           chosen.render_node if chosen else RenderNodeConfig())
+    if sun is not None:
+        azimuth, elevation = options.checked_sun(sun)
+        settings = dataclasses.replace(settings, sun=dataclasses.replace(
+            settings.sun, azimuth_deg=azimuth, elevation_deg=elevation))
+    with Progress('writing the stage'):
+        write_world(load_world(folder), output, settings, name=prim, surroundings=surroundings,
+                    overwrite=overwrite)

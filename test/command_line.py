@@ -1,0 +1,13 @@
+"""What the command line makes of its words, without running the command."""
+
+from typing import Any
+from unittest import mock
+
+from lunar_rover_sim.cli.main import execute
+
+
+def given(*words: str) -> dict[str, Any]:
+    """Return the arguments that a command would be called with, by name."""
+    with mock.patch('click.Command.invoke', lambda command, context: context.params):
+        found: Any = execute(words)
+    return dict(found)
