@@ -99,7 +99,8 @@ def test_scenario_takes_overrides_as_text_or_mapping() -> None:
     ('flat', {'overrides': ['render_node.camera.width=1']},
      ['--set', 'render_node.camera.width=1'], 'render_node.camera.width: 1 is not valid'),
     ('flat', {'overrides': ['render_nod.camera.width=1']},
-     ['--set', 'render_nod.camera.width=1'], 'no such section'),
+     ['--set', 'render_nod.camera.width=1'],
+     'did you mean render_node.camera.width'),
 ])
 def test_bad_input_reads_as_on_the_command_line(name: str, arguments: dict, options: list[str],
                                                 message: str, tmp_path: Path,

@@ -109,7 +109,25 @@ def one_line(reason: object) -> str:
 def did_you_mean(name: str, valid: Iterable[str]) -> str:
     """Return a phrase that offers the valid names near to `name`; '' if none is near."""
     close = difflib.get_close_matches(name[:80], list(valid), n=3, cutoff=0.5)
-    return 'did you mean ' + ' or '.join(close) + '?' if close else ''
+    return offered(close)
+
+
+def offered(names: Iterable[str]) -> str:
+    """Return a phrase that offers the first three names; '' if there is none."""
+    first = list(names)[:3]
+    return 'did you mean ' + ' or '.join(first) + '?' if first else ''
+
+
+def full_names(name: str, names: Iterable[str]) -> list[str]:
+    """Return the dotted names that end as `name` does, or else nearly so: what was left out."""
+    count = name.count('.') + 1
+    ends: dict[str, list[str]] = {}
+    for full in names:
+        ends.setdefault('.'.join(full.split('.')[-count:]), []).append(full)
+    if name in ends:
+        return ends[name]
+    close = difflib.get_close_matches(name[:80], ends, n=3, cutoff=0.75)
+    return [full for end in close for full in ends[end]]
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:

@@ -7,7 +7,7 @@ the YAML loader, the ROS parameter descriptors and the documentation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import dataclasses
 import logging
 import math
@@ -17,7 +17,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from lunar_rover_sim.base.arguments import brief, INT64
-from lunar_rover_sim.base.errors import ConfigError, nearest
+from lunar_rover_sim.base.errors import ConfigError, did_you_mean, full_names, nearest, offered
 from lunar_rover_sim.base.named_sets import checked_name, NAME, Named
 
 log = logging.getLogger(__name__)
@@ -128,7 +128,8 @@ class Parameters:
                                 _shown(name), brief(value))
                 continue
             if key not in fields:
-                raise ConfigError(f'{_shown(name)}: no such parameter; {nearest(key, fields)}')
+                raise ConfigError(f'{_shown(name)}: no such parameter; '
+                                  + _offered(cls, key, fields, where))
             if 'info' in fields[key].metadata:
                 values[key] = check(name, value, hints[key], fields[key].metadata['info'])
             elif 'named' in fields[key].metadata:
@@ -174,6 +175,16 @@ class Parameters:
                 yield from value.flatten(f'{prefix}{field.name}.', documented)
             else:
                 yield prefix + field.name, value, field.metadata['info'], hints[field.name]
+
+
+def _offered(cls: type[Parameters], key: str, fields: Iterable[str], where: str) -> str:
+    """Return a phrase that offers what may be meant by the name of no parameter."""
+    below = [name for name in full_names(key, (name for name, *_ in cls().flatten('', True)))
+             if '.' in name]
+    left_out = any(name.endswith(f'.{key}') for name in below)      # a group
+    if below and (left_out or not did_you_mean(key, fields)):
+        return offered(f'{where}.{name}' if where else name for name in below)
+    return nearest(key, fields)
 
 
 def _named_sets(cls: type[T], value: Any, where: str) -> Named[T]:

@@ -31,7 +31,7 @@ from lunar_rover_sim.run.shared_config import REAL_TIME
 @options.command(scenarios=True)
 @options.scenario()
 @options.new_folder('folder for bag, resolved scenario and logs')
-@options.bounded('--duration', 0.0, above=True, unit='s', metavar='S', help='simulated time')
+@click.option('--duration', type=float, metavar='S', help='simulated time [s]')
 @options.seed()
 @click.option('--real-time', is_flag=True,
               help='follow the wall clock instead of waiting for answers')

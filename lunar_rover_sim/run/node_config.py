@@ -379,3 +379,15 @@ LEG_CONTROLLERS = 'gait_controller_node', 'policy_node'
 # takes the place of gait_controller_node, and the navigator that of drive_node.
 DEFAULT_NODES = ('physics_node', 'gait_controller_node', 'drive_node', 'render_node',
                  'recorder_node')
+
+# Parameter → the one of another node that it takes over.
+FOLLOWS = {
+    'physics_node.ground_rate_hz': 'render_node.frame_rate_hz',
+    'physics_node.sun': 'render_node.sun',
+    'lidar_node.reflectance': 'render_node.reflectance',
+    'mapping_node.camera': 'render_node.camera',
+    'slam_node.camera': 'render_node.camera',
+    'slam_node.frame_rate_hz': 'render_node.frame_rate_hz',
+    'slam_node.imu': 'physics_node.imu',
+    'slam_node.imu_rate_hz': 'physics_node.state_rate_hz',
+    'slam_node.gravity_mps2': 'physics_node.gravity_mps2'}

@@ -22,8 +22,8 @@ from lunar_rover_sim.base.files.paths import BAG_FOLDER, make_new_folder
 from lunar_rover_sim.base.parameters import replaced
 from lunar_rover_sim.rover.gait.calibration import packaged_calibration
 from lunar_rover_sim.rover.rover_file import save_rover
-from lunar_rover_sim.run.node_config import (DEPTH_TOPICS, FRAME_TOPICS, LEG_CONTROLLERS, LIDAR,
-                                             LIDAR_TOPICS, NODE_CONFIGS)
+from lunar_rover_sim.run.node_config import (DEPTH_TOPICS, FOLLOWS, FRAME_TOPICS, LEG_CONTROLLERS,
+                                             LIDAR, LIDAR_TOPICS, NODE_CONFIGS)
 from lunar_rover_sim.run.publication import (is_recorded, period_of, recorded_beside_the_pair,
                                              recorded_periodic)
 from lunar_rover_sim.run.scenario import Scenario
@@ -37,18 +37,6 @@ LOG_FOLDER = 'logs'
 # The order in which nodes are stopped: the recorder last, since it records the others.
 STOP_ORDER = ('drive_node', 'physics_node', *LEG_CONTROLLERS, 'render_node', 'lidar_node',
               'slam_node', 'mapping_node', 'navigator_node', 'recorder_node')
-
-# Parameter → the one of another node that it takes over.
-_FOLLOWS = {
-    'physics_node.ground_rate_hz': 'render_node.frame_rate_hz',
-    'physics_node.sun': 'render_node.sun',
-    'lidar_node.reflectance': 'render_node.reflectance',
-    'mapping_node.camera': 'render_node.camera',
-    'slam_node.camera': 'render_node.camera',
-    'slam_node.frame_rate_hz': 'render_node.frame_rate_hz',
-    'slam_node.imu': 'physics_node.imu',
-    'slam_node.imu_rate_hz': 'physics_node.state_rate_hz',
-    'slam_node.gravity_mps2': 'physics_node.gravity_mps2'}
 
 _WAYPOINT_STEP_M = 1.5      # between the waypoints that the navigator gets of a route
 _WAY_TIMES = 3.0            # the time that a way may take, over that of the straight one
@@ -115,7 +103,7 @@ def _following(scenario: Scenario) -> dict[str, Any]:
     step_s = step_ns / 1e9
     duration_s = round(math.ceil(round(scenario.run.duration_s / step_s, 6)) * step_s, 9)
     ground_gives = physics.ground.deforms and 'physics_node' in nodes
-    values = {name: attrgetter(other)(scenario) for name, other in _FOLLOWS.items()}
+    values = {name: attrgetter(other)(scenario) for name, other in FOLLOWS.items()}
     values |= {
         'run.duration_s': duration_s, 'physics_node.duration_s': duration_s,
         # In real time nothing is awaited, but time starts only when these have publishers.

@@ -10,7 +10,7 @@ file. The section of a node holds in every namespace (`params_files`) and may be
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 import dataclasses
 import html
 from pathlib import Path
@@ -18,10 +18,10 @@ import re
 from typing import Any, TYPE_CHECKING
 
 from lunar_rover_sim.base.arguments import brief, check_path
-from lunar_rover_sim.base.errors import ConfigError, WorldError
+from lunar_rover_sim.base.errors import ConfigError, full_names, nearest, offered, WorldError
 from lunar_rover_sim.base.files.paths import find_file, packaged_names, user_path
 from lunar_rover_sim.base.files.yaml_text import parse_yaml, read_yaml, yaml_of
-from lunar_rover_sim.base.parameters import merge, nearest, nest, param, Parameters
+from lunar_rover_sim.base.parameters import merge, nest, param, Parameters
 from lunar_rover_sim.ground.world.cache import cached
 from lunar_rover_sim.ground.world.config import DEM, WorldConfig
 from lunar_rover_sim.ground.world.model import World
@@ -32,11 +32,11 @@ from lunar_rover_sim.image.illumination.sun_of_date import check_last_date, give
 from lunar_rover_sim.image.lidar.beam_pattern import beam_pattern
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
-from lunar_rover_sim.run.node_config import (DEFAULT_NODES, DriveNodeConfig, GaitNodeConfig,
-                                             LEG_CONTROLLERS, LidarNodeConfig, MappingNodeConfig,
-                                             NavigatorNodeConfig, NODE_CONFIGS, PhysicsNodeConfig,
-                                             PolicyNodeConfig, RecorderNodeConfig,
-                                             RenderNodeConfig, SlamNodeConfig)
+from lunar_rover_sim.run.node_config import (DEFAULT_NODES, DriveNodeConfig, FOLLOWS,
+                                             GaitNodeConfig, LEG_CONTROLLERS, LidarNodeConfig,
+                                             MappingNodeConfig, NavigatorNodeConfig, NODE_CONFIGS,
+                                             PhysicsNodeConfig, PolicyNodeConfig,
+                                             RecorderNodeConfig, RenderNodeConfig, SlamNodeConfig)
 from lunar_rover_sim.run.params_files import MAX_BYTES, ROS_KEY, section_names, SHARED
 from lunar_rover_sim.run.shared_config import LOCKSTEP, MAX_DURATION_S, NodeConfig
 
@@ -377,6 +377,16 @@ def _shared_names() -> list[str]:
     return [field.name for field in dataclasses.fields(NodeConfig)]
 
 
+def _parameter_names() -> Iterator[str]:
+    """Yield the parameters of all sections that --set may set."""
+    for section, cls in {'world': WorldConfig, 'rover': RoverDescription, 'run': RunConfig,
+                         **NODE_CONFIGS}.items():
+        for name, *_ in cls().flatten(f'{section}.', documented=True):
+            is_shared = section in NODE_CONFIGS and name.partition('.')[2] in _shared_names()
+            if not is_shared and not name.startswith(tuple(FOLLOWS)):
+                yield name
+
+
 def override_sections(overrides: Iterable[str] | Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return each override as nested sections; ConfigError where they are no texts."""
     items: list[Any] = list(overrides) if isinstance(overrides, Iterable) else [overrides]
@@ -402,6 +412,8 @@ def _override(name: str, value: Any, where: str) -> dict[str, Any]:
     if not dot and section in _shared_names():
         return {SHARED: {section: value}}
     if not dot or section not in _section_names():
+        if found := full_names(name, (*_shared_names(), *_parameter_names())):
+            raise ConfigError(f'{where}: no such parameter; {offered(found)}')
         valid = [s for s in _section_names() if s != SHARED]
         valid += [] if dot else _shared_names()
         raise ConfigError(f'{where}: no such section {brief(section)}; '

@@ -27,13 +27,10 @@ def test_slam_run_ends_with_the_result(bag: Path, tmp_path: Path,
     """The frame of its poses, success, error, and where the figure is."""
     folder = tmp_path / 'slam'
     assert main(['slam', 'run', str(bag), '-o', str(folder), '--quiet']) == 0
-    said = capsys.readouterr().out.splitlines()
-    assert said[-2].startswith(f'{folder}/estimate.txt (TUM) has the poses of the frame left')
-    if said[-1].startswith('done: ATE '):
-        assert said[-1].endswith(f'figure: {folder}/top_view.png')
-        assert (folder / 'top_view.png').is_file()
-    else:
-        assert said[-1] == f'no trajectory to judge; the log is in {folder}'
+    said = ' '.join(capsys.readouterr().out.split())
+    assert f'{folder}/estimate.txt (TUM) has the poses of the frame left' in said
+    assert 'done: ATE ' in said and said.endswith(f'figure: {folder}/top_view.png')
+    assert (folder / 'top_view.png').is_file()
     assert json.loads((folder / 'result.json').read_text())['estimate_frame'] == 'left'
 
 
