@@ -147,6 +147,7 @@ PASSES = {
     'ground depth': (('ground', 'Ground', 'depths'),),
     'ground light': (('ground_picture', 'GroundPicture', 'make'), ('scene_passes', '', 'cover')),
     'rocks and rover': (('rock_pass', 'RockPass', 'draw'), ('rover_pass', 'RoverPass', 'draw')),
+    'light of rocks and rover': (('object_light', 'Surfaces', 'light'),),
     'reading': (('scene_passes', 'ScenePasses', 'read'),),
     'outlines': (('scene_passes', '', 'smooth_outlines'),),
     'motion': (('camera.motion_blur', 'MotionBlur', 'mean'),),
@@ -192,7 +193,7 @@ def timed(renderer, spent):
     with contextlib.ExitStack() as restored:
         for name, functions in PASSES.items():
             for module, owner, function in functions:
-                room = '' if '.' in module else 'image.rendering.'
+                room = 'image.' if '.' in module else 'image.rendering.'
                 place = importlib.import_module(f'lunar_rover_sim.{room}{module}')
                 place = getattr(place, owner) if owner else place
                 before = getattr(place, function)

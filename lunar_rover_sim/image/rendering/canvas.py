@@ -6,7 +6,7 @@ import dataclasses
 
 import moderngl
 
-from lunar_rover_sim.image.rendering.frame_targets import FrameTargets, LitTargets
+from lunar_rover_sim.image.rendering.frame_targets import FrameTargets, SurfaceTargets
 from lunar_rover_sim.image.rendering.gl_owner import GlOwner
 from lunar_rover_sim.image.rendering.projection import Projection
 from lunar_rover_sim.image.rendering.view import Window
@@ -38,17 +38,16 @@ class Canvas(GlOwner):
 
     Attributes:
         projection: Of both cameras.
-        lit: What all frames are lit into.
+        surfaces: What all frames are drawn into.
     """
 
-    def __init__(self, context: moderngl.Context, projection: Projection, *,
-                 colour: bool = False) -> None:
+    def __init__(self, context: moderngl.Context, projection: Projection) -> None:
         super().__init__()
         self.projection = projection
         with self._making():
-            self.lit = self._own(LitTargets(
-                context, (projection.width, 2 * projection.height), colour=colour))
-            self._targets = [self._own(FrameTargets(context, self.lit))
+            self.surfaces = self._own(SurfaceTargets(
+                context, (projection.width, 2 * projection.height)))
+            self._targets = [self._own(FrameTargets(context, self.surfaces))
                              for _ in range(FRAMES_UNDER_WAY)]
 
     def begin(self, sides: tuple[int, ...], lit_sides: tuple[int, ...]) -> Drawing:

@@ -17,8 +17,6 @@ from lunar_rover_sim.image.rendering.gl_owner import Releasable
 
 log = logging.getLogger(__name__)
 
-Uniforms = dict[str, Any]       # values by the names of shader uniforms
-
 
 def create_context() -> moderngl.Context:
     """Return a standalone EGL context of OpenGL 3.3 core or later.
@@ -80,13 +78,6 @@ def set_uniform(program: moderngl.Program, **values: Any) -> None:
                 member.write(value.tobytes())
             else:
                 member.value = value
-
-
-def enable(context: moderngl.Context, flags: int, *, add: bool) -> None:
-    """Enable only these flags; with `add`, what is drawn is added to what is there."""
-    context.enable_only(flags | (context.BLEND if add else context.NOTHING))
-    if add:
-        context.blend_func = context.ONE, context.ONE
 
 
 def clear_window(target: moderngl.Framebuffer, window: tuple[int, int, int, int]) -> None:

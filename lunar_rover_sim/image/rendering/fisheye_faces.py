@@ -150,7 +150,7 @@ class FisheyeFaces:
                                                         dict[int, NDArray[np.float32]]]:
         """Return by side what falls on the sensor, and distances with the signs of depth."""
         request = scenes[0].request
-        links = any(face.link for face in drawn)
+        links = any(face.links for face in drawn)
         colour = any(image.tint is not None for images in lit for image in images.values())
         whole = {side: LitImage(np.zeros(self._size, np.float32), np.zeros(self._size, np.float32),
                                 np.zeros(self._size, np.uint8) if links else None,

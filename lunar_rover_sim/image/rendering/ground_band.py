@@ -13,7 +13,7 @@ from lunar_rover_sim.image.rendering.crater_map import CraterLists
 from lunar_rover_sim.image.rendering.grid_rows import light_of_grid
 from lunar_rover_sim.image.rendering.ground_place import place, spread
 from lunar_rover_sim.image.rendering.lamp_rows import add_lamp, lamp_on, LampLight
-from lunar_rover_sim.image.rendering.lighting import GroundConstants
+from lunar_rover_sim.image.rendering.lighting import LightConstants
 from lunar_rover_sim.image.rendering.relief_factor import relief_factor
 from lunar_rover_sim.image.rendering.relief_map import ReliefShape
 from lunar_rover_sim.image.rendering.relief_rows import relief_of
@@ -47,7 +47,7 @@ class GroundSource:
         tracks, lamp: None where there are none.
     """
 
-    constants: GroundConstants
+    constants: LightConstants
     texels: SurfaceTexels
     tracks: TrackArrays | None
     shadow: CastShadow
@@ -176,7 +176,8 @@ class Band:
         if image.tint is not None and not add:
             lamp_g, of_lamp = ('lamp_g', 'of_lamp') if source.lamp is not None else 2 * ('zero',)
             tint_of(*get(f'depth x y albedo cos_g {lamp_g} direct {of_lamp} whole'),
-                    *constants.tint, self._tint)
+                    constants.soil_tint, constants.tint_spread, constants.tint_place,
+                    constants.lamp_tint, self._tint)
             spread(self.rows, row, self._tint, image.tint, False)
 
     def _look_up(self, tracks: TrackArrays, *, any_level: bool) -> None:

@@ -64,6 +64,40 @@ def _over_relief(x, y, rise, tx, ty, shape, scale, highest, share):  # type: ign
 
 
 @compiled
+def _beam(a, b, c, square, facing, lamp, clip, shadow):  # type: ignore[no-untyped-def]
+    """Return the normal irradiance at a place [W/m2].
+
+    Args:
+        a, b, c: From the lamp to the place; `square` is that of its length [m].
+        facing: Cosine of incidence on the coarse surface.
+        lamp, clip, shadow: As for `lamp_on`.
+    """
+    m = len(shadow)
+    wide = np.float32(m)
+    q = a * clip[0, 3] + b * clip[1, 3] + c * clip[2, 3] + clip[3, 3]
+    if q <= _ZERO:
+        return _ZERO
+    ahead = a * lamp[3] + b * lamp[4] + c * lamp[5]
+    cosine = max(ahead / np.sqrt(square), _COSINE)
+    u = (a * clip[0, 0] + b * clip[1, 0] + c * clip[2, 0] + clip[3, 0]) / max(q, _LEAST)
+    v = (a * clip[0, 1] + b * clip[1, 1] + c * clip[2, 1] + clip[3, 1]) / max(q, _LEAST)
+    u = min(max((_HALF + _HALF * u) * wide - _HALF, -wide), wide + wide)
+    v = min(max((_HALF + _HALF * v) * wide - _HALF, -wide), wide + wide)
+    # A pixel of the map covers a range of depths, which is the wider the more grazing the light
+    # is.
+    own = ahead * (_ONE - _SLACK - lamp[8] / max(facing, _GRAZING)) - _OFF
+    column, row = np.floor(u), np.floor(v)
+    u, v = u - column, v - row
+    lit = _ZERO
+    for n in range(4):
+        i, j = np.int64(column) + (n & 1), np.int64(row) + (n >> 1)
+        stored = abs(shadow[min(max(j, 0), m - 1), min(max(i, 0), m - 1)])
+        if stored == _ZERO or own < stored:
+            lit += (u if n & 1 else _ONE - u) * (v if n >> 1 else _ONE - v)
+    return lit * lamp[6] * np.float32(math.pow(cosine, lamp[7])) / square
+
+
+@compiled
 def lamp_on(depth, x, y, z, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-untyped-def]
             normal_x, normal_y, normal_z, kept, lamp, clip, shadow, shape, relief, centre,
             irradiance, cos_i, cos_g):
@@ -80,8 +114,6 @@ def lamp_on(depth, x, y, z, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-unt
         shape, relief, centre: As for `ground_rays.cast`; (0, 0) where relief has none.
         irradiance: (n,) normal, filled in [W/m2], as the cosines of incidence and phase.
     """
-    m = len(shadow)
-    wide = np.float32(m)
     for k in range(len(depth)):
         irradiance[k] = cos_i[k] = cos_g[k] = _ZERO
         if depth[k] <= _ZERO:
@@ -90,39 +122,42 @@ def lamp_on(depth, x, y, z, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-unt
         square = a * a + b * b + c * c
         shrink = -_ONE / np.sqrt(square)
         tx, ty, tz = a * shrink, b * shrink, c * shrink
-        cosine = max(-(tx * lamp[3] + ty * lamp[4] + tz * lamp[5]), _COSINE)
-        q = a * clip[0, 3] + b * clip[1, 3] + c * clip[2, 3] + clip[3, 3]
         cos_i[k] = normal_x[k] * tx + normal_y[k] * ty + normal_z[k] * tz
         cos_g[k] = tx * vx[k] + ty * vy[k] + tz * vz[k]
-        if q <= _ZERO or cos_i[k] <= _ZERO:
+        if cos_i[k] <= _ZERO:
             continue
-        u = (a * clip[0, 0] + b * clip[1, 0] + c * clip[2, 0] + clip[3, 0]) / max(q, _LEAST)
-        v = (a * clip[0, 1] + b * clip[1, 1] + c * clip[2, 1] + clip[3, 1]) / max(q, _LEAST)
-        u = min(max((_HALF + _HALF * u) * wide - _HALF, -wide), wide + wide)
-        v = min(max((_HALF + _HALF * v) * wide - _HALF, -wide), wide + wide)
         p, g = slope_x[k], slope_y[k]
         facing = (tz - p * tx - g * ty) / np.sqrt(p * p + g * g + _ONE)
-        # A pixel of the map covers a range of depths, which is the wider the more grazing the
-        # light is.
-        slack = _SLACK + lamp[8] / max(facing, _GRAZING)
-        own = (a * lamp[3] + b * lamp[4] + c * lamp[5]) * (_ONE - slack) - _OFF
-        column, row = np.floor(u), np.floor(v)
-        u, v = u - column, v - row
-        lit = _ZERO
-        for n in range(4):
-            i, j = np.int64(column) + (n & 1), np.int64(row) + (n >> 1)
-            stored = abs(shadow[min(max(j, 0), m - 1), min(max(i, 0), m - 1)])
-            if stored == _ZERO or own < stored:
-                lit += (u if n & 1 else _ONE - u) * (v if n >> 1 else _ONE - v)
-        if lit <= _ZERO:
-            continue
-        value = lit * lamp[6] * np.float32(math.pow(cosine, lamp[7])) / square
-        if len(shape):
+        value = _beam(a, b, c, square, facing, lamp, clip, shadow)
+        if len(shape) and value > _ZERO:
             share = kept[k] * shape_share(x[k] - centre[0], y[k] - centre[1], centre[2])
             if share > _ZERO:
                 value *= _over_relief(x[k], y[k], facing, tx, ty, shape, relief[0], relief[1],
                                       share)
         irradiance[k] = value
+
+
+@compiled
+def lamp_on_objects(at, normal, lamp, clip, shadow, out):  # type: ignore[no-untyped-def]
+    """Fill in the light of the lamp on each pixel of rocks or the rover.
+
+    Args:
+        at: (10, n) as `object_rows.find` fills it in.
+        normal: (3, n) of what is lit.
+        lamp, clip, shadow: As for `lamp_on`.
+        out: (6, n) normal irradiance [W/m2], unit vector to the lamp, cosines of incidence and
+            phase.
+    """
+    for k in range(at.shape[1]):
+        a, b, c = at[1, k] - lamp[0], at[2, k] - lamp[1], at[3, k] - lamp[2]
+        square = a * a + b * b + c * c
+        shrink = -_ONE / np.sqrt(square)
+        tx, ty, tz = a * shrink, b * shrink, c * shrink
+        out[1, k], out[2, k], out[3, k] = tx, ty, tz
+        facing = at[7, k] * tx + at[8, k] * ty + at[9, k] * tz
+        out[0, k] = _beam(a, b, c, square, facing, lamp, clip, shadow)
+        out[4, k] = normal[0, k] * tx + normal[1, k] * ty + normal[2, k] * tz
+        out[5, k] = tx * at[4, k] + ty * at[5, k] + tz * at[6, k]
 
 
 @compiled

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 import math
 
 import moderngl
@@ -14,8 +13,7 @@ from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.illumination.config import LampConfig
 from lunar_rover_sim.image.illumination.lamp import beam_exponent, peak_intensity
-from lunar_rover_sim.image.rendering import texture_units
-from lunar_rover_sim.image.rendering.context import clear_window, release_all, set_uniform
+from lunar_rover_sim.image.rendering.context import clear_window, release_all
 from lunar_rover_sim.image.rendering.frame_targets import attachment, read_image
 from lunar_rover_sim.image.rendering.ground import Ground
 from lunar_rover_sim.image.rendering.ground_picture import cover_depth
@@ -53,10 +51,8 @@ class LampShadow:
         self._projection = Projection(K, MAP, MAP, camera.near_m, camera.far_m)
         self._view = View(context)
         self._depth = attachment(context, (MAP, MAP))
-        # Rocks write their radiance first, which no one reads here.
-        self._unused = attachment(context, (MAP, MAP))
         self._buffer = context.depth_renderbuffer((MAP, MAP))
-        self._target = context.framebuffer([self._unused, self._depth], self._buffer)
+        self._target = context.framebuffer([self._depth], self._buffer)
 
     def draw(self, T_world_base: Array, world: World, ground: Ground, rocks: RockPass,
              workers: Workers) -> LampLight:
@@ -66,32 +62,18 @@ class LampShadow:
         """
         T_world_lamp = T_world_base @ self._T_base_lamp
         volume = self._projection.view_volume([T_world_lamp], world)
-        self._view.place(T_world_lamp, self._projection, volume.centre_m, (MAP, MAP))
+        self._view.place(T_world_lamp, self._projection, volume.centre_m)
         self._view.bind()
         clear_window(self._target, _WINDOW)
         rocks.choose(volume, self._projection.focal_px, _ROCK_MIN_PX)
         rocks.draw()
-        shadow = read_image(self._target, 1, 0, (MAP, MAP))
+        shadow = read_image(self._target, 0, 0, (MAP, MAP))
         cover_depth(shadow, ground.depth(self._view.numbers, self._projection,
                                          ground.tracks_in(volume), workers), workers)
-        self._depth.write(shadow)
         return LampLight(T_world_lamp, (self._intensity, self._exponent,
                                         2.0 / self._projection.focal_px),
                          self._projection.clip_matrix(T_world_lamp), shadow)
 
-    def bind(self, programs: Iterable[moderngl.Program], T_world_base: Array,
-             T_world_camera: Array) -> None:
-        """Bind the map, and tell programs where the lamp is relative to a camera."""
-        T_world_lamp = T_world_base @ self._T_base_lamp
-        clip = self._projection.clip_matrix(T_world_lamp)
-        offset = T_world_lamp[:3, 3] - T_world_camera[:3, 3]
-        self._depth.use(texture_units.LAMP_DEPTH)
-        for program in programs:
-            set_uniform(program, u_lamp=tuple(offset), u_lamp_axis=tuple(T_world_lamp[:3, 2]),
-                        u_lamp_beam=(self._intensity, self._exponent), u_lamp_clip=clip,
-                        u_lamp_depth=texture_units.LAMP_DEPTH,
-                        u_lamp_pixel=2.0 / self._projection.focal_px)
-
     def release(self) -> None:
         """Release the GL objects."""
-        release_all(self._target, self._buffer, self._unused, self._depth, self._view)
+        release_all(self._target, self._buffer, self._depth, self._view)

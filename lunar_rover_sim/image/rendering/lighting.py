@@ -1,89 +1,86 @@
-"""The constants of light: sun and reflectance, for shaders and for the loops of the ground."""
+"""The constants of light: sun and reflectance, as compiled loops take them."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.frames import sun_direction
 from lunar_rover_sim.image.illumination import colours, hapke
 from lunar_rover_sim.image.illumination.config import LOWEST_DEG
 from lunar_rover_sim.image.rendering.config import DetailConfig, RenderConfig
 
-
-def lighting_constants(config: RenderConfig, sun_direction: Array) -> dict[str, Any]:
-    """Return values by the names of uniforms."""
-    ground = hapke.parameter_set(config.reflectance.ground)
-    rocks = hapke.parameter_set(config.reflectance.rocks)
-    scale = config.reflectance.albedo_scale
-    horizontal = max(math.hypot(*sun_direction[:2]), 0.02)  # stays finite for a sun overhead
-    values: dict[str, Any] = {
-        'u_sun': tuple(sun_direction),
-        'u_heading': tuple(sun_direction / horizontal),
-        # A sun that is farther down is held at the lowest elevation.
-        'u_irradiance': config.sun.irradiance if config.sun.elevation_deg > LOWEST_DEG else 0.0,
-        'u_sun_radius': math.radians(0.5 * config.sun.angular_diameter_deg),
-        'u_rough': config.detail.relief_rms_slope / DetailConfig().relief_rms_slope,
-        'u_rock_theta': math.tan(math.radians(rocks.theta_deg)),
-        'u_diffuse': (hapke.hemispherical_albedo(ground) * scale / math.pi,
-                      hapke.hemispherical_albedo(rocks) / math.pi),
-        'u_trodden': (config.tracks.compacted_darkening, config.tracks.loose_darkening,
-                      math.tan(math.radians(config.tracks.compacted_theta_deg)),
-                      config.tracks.compacted_c),
-    }
-    red, blue = np.log(colours.ground_colour(config.reflectance.ground))
-    spread = config.reflectance.colour_spread
-    fresh = config.reflectance.colour_of_fresh
-    lamp = np.log(colours.Bands().colour_of_light(config.lamp.temperature_k))
-    values |= {'u_soil_tint': (red, blue, *colours.PHASE_SLOPE),
-               'u_rock_tint': tuple(np.log(colours.rock_colour(config.reflectance.rocks))),
-               'u_tint_spread': (spread, -spread, -fresh, fresh), 'u_lamp_tint': tuple(lamp)}
-    for name, kind, factor in (('u_regolith', ground, scale), ('u_rock', rocks, 1.0)):
-        values.update({f'{name}.w': kind.w * factor, f'{name}.b': kind.b, f'{name}.c': kind.c,
-                       f'{name}.b_s0': kind.b_s0, f'{name}.h_s': kind.h_s})
-    return values
+F32 = NDArray[np.float32]
 
 
 @dataclasses.dataclass(frozen=True)
-class GroundConstants:
-    """Those of the ground, float32.
+class LightConstants:
+    """Those of one source of light and of what it lights.
 
     Attributes:
-        sun: (7,) unit vector to it, vector to it over level ground as `u_heading`, radius of its
-            disc [rad].
-        irradiance, diffuse: Of the sun, normal [W/m2]; diffuse albedo over pi.
-        law: (5,) w, b, c, b_s0, h_s.
-        trodden: (4,) as `u_trodden`.
-        tint: `u_soil_tint`, `u_tint_spread`, `u_tint_place`, `u_lamp_tint`.
+        sun: (7,) unit vector to it, vector to it over level ground, radius of its disc [rad].
+        irradiance: Normal [W/m2].
+        diffuse, rock_diffuse: Diffuse albedo over pi of ground and rocks.
+        law, rock_law: (5,) w, b, c, b_s0, h_s.
+        rock_theta: Tangent of the roughness of rocks.
+        rough: How rough rocks are, and how much soil lies on them; 1 is usual.
+        trodden: (4,) as for `shade_rows.shade`.
+        soil_tint: (4,) logarithms of red and blue over green at 30 deg of phase; their slopes.
+        rock_tint, lamp_tint: (2,) those of rocks; of the light of the lamp over that of the sun.
+        tint_spread: (4,) of the patches; change with the logarithm of albedo.
+        tint_place: (2,) where the patches of this world lie [m].
         smooth: Whether edges of shadows are drawn without steps.
     """
 
-    sun: NDArray[np.float32]
+    sun: F32
     irradiance: np.float32
     diffuse: np.float32
-    law: NDArray[np.float32]
-    trodden: NDArray[np.float32]
-    tint: list[NDArray[np.float32]]
+    rock_diffuse: np.float32
+    law: F32
+    rock_law: F32
+    rock_theta: np.float32
+    rough: np.float32
+    trodden: F32
+    soil_tint: F32
+    rock_tint: F32
+    lamp_tint: F32
+    tint_spread: F32
+    tint_place: F32
     smooth: bool
 
-    @classmethod
-    def of(cls, values: dict[str, Any], smooth: bool) -> GroundConstants:
-        """Return those among `lighting_constants` with the place of the tint."""
-        def vector(*names: str) -> NDArray[np.float32]:
-            return np.array([number for name in names for number in np.ravel(values[name])],
-                            np.float32)
-        law = (f'u_regolith.{key}' for key in ('w', 'b', 'c', 'b_s0', 'h_s'))
-        return cls(vector('u_sun', 'u_heading', 'u_sun_radius'),
-                   np.float32(values['u_irradiance']), np.float32(values['u_diffuse'][0]),
-                   vector(*law), vector('u_trodden'),
-                   [vector(name) for name in ('u_soil_tint', 'u_tint_spread', 'u_tint_place',
-                                              'u_lamp_tint')], smooth)
-
     @property
-    def towards(self) -> NDArray[np.float32]:
+    def towards(self) -> F32:
         """(4,) unit vector to the sun, radius of its disc [rad]."""
         return self.sun[[0, 1, 2, 6]]
+
+    @classmethod
+    def of(cls, config: RenderConfig, world_seed: int) -> LightConstants:
+        """Return the constants under the sun of `config`; world_seed: places patches of colour."""
+        matter, tracks, sun = config.reflectance, config.tracks, config.sun
+        ground, rocks = (hapke.parameter_set(name) for name in (matter.ground, matter.rocks))
+        direction = sun_direction(sun.azimuth_deg, sun.elevation_deg)
+        horizontal = max(math.hypot(*direction[:2]), 0.02)  # stays finite for a sun overhead
+        place = np.random.default_rng([max(world_seed, 0), *b'colour']).uniform(-5e3, 5e3, 2)
+        spread, fresh = matter.colour_spread, matter.colour_of_fresh
+
+        def vector(*numbers: float) -> F32:
+            return np.array(numbers, np.float32)
+        return cls(
+            vector(*direction, *direction / horizontal,
+                   math.radians(0.5 * sun.angular_diameter_deg)),
+            # A sun that is farther down is held at the lowest elevation.
+            np.float32(sun.irradiance if sun.elevation_deg > LOWEST_DEG else 0.0),
+            np.float32(hapke.hemispherical_albedo(ground) * matter.albedo_scale / math.pi),
+            np.float32(hapke.hemispherical_albedo(rocks) / math.pi),
+            ground.law(matter.albedo_scale), rocks.law(),
+            np.float32(math.tan(math.radians(rocks.theta_deg))),
+            np.float32(config.detail.relief_rms_slope / DetailConfig().relief_rms_slope),
+            vector(tracks.compacted_darkening, tracks.loose_darkening,
+                   math.tan(math.radians(tracks.compacted_theta_deg)), tracks.compacted_c),
+            vector(*np.log(colours.ground_colour(matter.ground)), *colours.PHASE_SLOPE),
+            vector(*np.log(colours.rock_colour(matter.rocks))),
+            vector(*np.log(colours.Bands().colour_of_light(config.lamp.temperature_k))),
+            vector(spread, -spread, -fresh, fresh), vector(*place), config.detail.smooth_outlines)

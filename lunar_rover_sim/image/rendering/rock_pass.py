@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 from lunar_rover_sim.base.compiled import compiled
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
-from lunar_rover_sim.image.rendering.context import enable, load_program, release_all
+from lunar_rover_sim.image.rendering.context import load_program, release_all
 from lunar_rover_sim.image.rendering.projection import Projection, ViewVolume
 from lunar_rover_sim.image.rendering.rock_meshes import (library_meshes, OCTAHEDRON, solid_axes,
                                                          solid_mesh, TETRAHEDRON)
-from lunar_rover_sim.image.rendering.surface import Surface
 
 F32 = NDArray[np.float32]
 
-_INSTANCE = '3f 3f 3f 3f 4f 4f /i'
-_NAMES = ('i_position', 'i_x', 'i_y', 'i_z', 'i_light', 'i_matter')
-_FLOATS = 20
+_INSTANCE = '3f 3f 3f 3f 1f /i'
+_NAMES = ('i_position', 'i_x', 'i_y', 'i_z', 'i_number')
+_FLOATS = 13
 # Rocks smaller than _COARSE_PX are drawn as hulls of _COARSE_VERTICES vertices, those smaller than
 # _SOLIDS_PX as solids; larger ones worn, with the finer meshes, the larger they look.
 _COARSE_PX, _COARSE_VERTICES = 14.0, 10
@@ -46,57 +45,47 @@ class GroundSeen(NamedTuple):
     depth_m: F32
 
 
-class RockPass:
-    """Draws the rocks.
+def rock_table(rocks: Rocks, light: F32, ground_m: Array) -> F32:
+    """Return what the light of rocks follows from, as `rock_light.rock_surface` takes it, (m, 20).
 
-    Attributes:
-        programs: Of light, and of light with truth once that is prepared.
-        boxes: (m, 2, 3) least and greatest coordinates of the chosen rocks, world frame [m].
+    Args:
+        light: (m, 5) as `Sunlight.rock_light`.
+        ground_m: (m,) height of the ground under each rock.
     """
+    rotation = matrix_from_wxyz(rocks.orientation_wxyz) if len(rocks) else np.zeros((0, 3, 3))
+    return np.concatenate(
+        [rocks.position_m, rotation.transpose(0, 2, 1).reshape(-1, 9), rocks.diameter_m[:, None],
+         rocks.albedo[:, None], ground_m[:, None], light], axis=1).astype(np.float32)
 
-    def __init__(self, context: moderngl.Context, rocks: Rocks, shapes: tuple[RockShape, ...],
-                 light: F32, ground_m: Array, surface: Surface, lamp: bool) -> None:
-        """Make meshes and programs.
 
-        Args:
-            light: (m, 5) as `Sunlight.rock_light`.
-            ground_m: (m,) height of the ground under each rock.
-            surface: Textures to light with.
-            lamp: Whether there is one.
-        """
-        self._context, self._surface = context, surface
-        self._defines = {'ROVER_SHADOW': 1, **({'LAMP': 1} if lamp else {})}
-        self.programs = [load_program(context, 'rock', 'rock', **self._defines)]
+class RockPass:
+    """Draws where the rocks are."""
+
+    def __init__(self, context: moderngl.Context, rocks: Rocks,
+                 shapes: tuple[RockShape, ...]) -> None:
+        """Make meshes and the program."""
+        self._context = context
+        self._program = load_program(context, 'rock', 'surface')
         self.rocks = rocks
         rotation = matrix_from_wxyz(rocks.orientation_wxyz) if len(rocks) else np.zeros((0, 3, 3))
         columns = rotation * rocks.diameter_m[:, None, None]
         self._data = np.concatenate(
-            [rocks.position_m, columns[:, :, 0], columns[:, :, 1], columns[:, :, 2], light,
-             rocks.albedo[:, None], np.arange(len(rocks))[:, None], ground_m[:, None]],
-            axis=1).astype(np.float32)
+            [rocks.position_m, columns.transpose(0, 2, 1).reshape(-1, 9),
+             np.arange(len(rocks))[:, None]], axis=1).astype(np.float32)
         self._position = np.ascontiguousarray(rocks.position_m.T, np.float32)
         self._diameter = rocks.diameter_m.astype(np.float32)
         # Half of boxes around the rocks, in axes of the world; meshes are worn hulls.
         reach = np.stack([np.abs(shape.vertices).max(axis=0) for shape in shapes])
         self._half = _WORN * np.einsum('nij,nj->ni', np.abs(columns), reach[rocks.shape])
-        self.boxes: Array = np.zeros((0, 2, 3))
         self._axes = np.array([[solid_axes(one, shape) for shape in shapes] for one in _SOLIDS],
                               np.float32)
         # A kind is a shape with its detail; the last kinds are solids, which stand for all.
         self._first_solid = _KINDS * len(shapes)
         self._instances: dict[int, moderngl.Buffer] = {}
         self._counts: dict[int, int] = {}
-        self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
+        self._arrays: dict[int, moderngl.VertexArray] = {}
         self._meshes = [[context.buffer(part.tobytes()) for part in mesh] for mesh in (
             *library_meshes(shapes, _LEVELS, _COARSE_VERTICES), *map(solid_mesh, _SOLIDS))]
-
-    def prepare_truth(self) -> None:
-        """Be able to draw truth from now on; adds to `programs`."""
-        self.programs.append(load_program(self._context, 'rock', 'rock', TRUTH=1, **self._defines))
-
-    def relight(self, light: F32) -> None:
-        """Take the light under another sun, (m, 5) as `Sunlight.rock_light`."""
-        self._data[:, 12:17] = light
 
     def choose(self, volume: ViewVolume, focal_px: float, least_px: float,
                grounds: Sequence[GroundSeen] = ()) -> None:
@@ -109,8 +98,6 @@ class RockPass:
         if grounds and len(visible):
             shows = np.any([self._over(visible, *ground) for ground in grounds], axis=0)
             visible, distance = visible[shows], distance[shows]
-        half, centre = self._half[visible], self.rocks.position_m[visible]
-        self.boxes = np.stack([centre - half, centre + half], axis=1)
         size = self._diameter[visible] * np.float32(focal_px)
         shape = self.rocks.shape[visible]
         detail = sum((size < limit * distance).astype(np.int64)
@@ -159,25 +146,16 @@ class RockPass:
         aside2 = (offset**2).sum(axis=0) - ahead**2
         return bool(np.any((ahead > -radius) & (aside2 < reach**2)))
 
-    def draw(self, *, truth: bool = False, add: bool = False) -> None:
-        """Draw the chosen rocks into the framebuffer in use.
-
-        Args:
-            add: Whether to add to the present radiance.
-            truth: Whether to draw that too, into the attachments of `TruthTargets`.
-        """
-        enable(self._context, self._context.DEPTH_TEST | self._context.CULL_FACE, add=add)
-        program = self.programs[int(truth)]
-        self._surface.bind_rocks(program)
+    def draw(self) -> None:
+        """Draw the chosen rocks into the framebuffer in use."""
+        self._context.enable_only(self._context.DEPTH_TEST | self._context.CULL_FACE)
         for kind, count in self._counts.items():
-            key = (program.glo, kind)
-            if key not in self._arrays:
+            if kind not in self._arrays:
                 vertices, corners = self._meshes[kind]
-                self._arrays[key] = self._context.vertex_array(
-                    program, [(vertices, '3f 3f', 'a_position', 'a_normal'),
-                              (self._instances[kind], _INSTANCE, *_NAMES)],
-                    corners, skip_errors=True)
-            self._arrays[key].render(instances=count)
+                self._arrays[kind] = self._context.vertex_array(
+                    self._program, [(vertices, '3f 3f', 'a_position', 'a_normal'),
+                                    (self._instances[kind], _INSTANCE, *_NAMES)], corners)
+            self._arrays[kind].render(instances=count)
 
     def _visible(self, volume: ViewVolume, focal_px: float,
                  least_px: float) -> tuple[NDArray[np.int64], F32]:
@@ -194,7 +172,7 @@ class RockPass:
     def release(self) -> None:
         """Release the GL objects."""
         release_all(*self._arrays.values(), *self._instances.values(),
-                    *(buffer for mesh in self._meshes for buffer in mesh), *self.programs)
+                    *(buffer for mesh in self._meshes for buffer in mesh), self._program)
 
 
 @compiled

@@ -12,14 +12,11 @@ import functools
 from typing import NamedTuple
 
 import cv2
-import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.base.frames import Array
-from lunar_rover_sim.image.rendering import texture_units
 from lunar_rover_sim.image.rendering.canvas import FRAMES_UNDER_WAY
-from lunar_rover_sim.image.rendering.context import Uniforms
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.visual import link_poses, visual_parts, VisualPart
 
@@ -28,7 +25,6 @@ F32 = NDArray[np.float32]
 MAP = 320               # pixels along a side of the silhouette map
 _MARGIN_M = 0.06        # around the rover
 _HIDDEN_M = 0.004       # pieces that protrude from others by less are left out of the shadow
-_NOWHERE_M = 1e6
 _BLUR = 0.02            # of the distance: more than the sun's radius and half a pixel
 _SUB = 4                # fractional bits of outline corners
 
@@ -45,7 +41,6 @@ class CastShadow(NamedTuple):
     """The shadow in one pose.
 
     Attributes:
-        uniforms: Of shaders that look it up.
         silhouette: Returns (MAP, MAP, 2) as `RoverShadow.silhouette` does.
         axes: Two of that map, over its half extent.
         centre: World position of the rover [m].
@@ -53,7 +48,6 @@ class CastShadow(NamedTuple):
             how much wider the shadow is behind it, over the distance.
     """
 
-    uniforms: Uniforms
     silhouette: Callable[[], F32]
     axes: Array
     centre: Array
@@ -66,10 +60,9 @@ class CastShadow(NamedTuple):
 
 
 class RoverShadow:
-    """Owns the silhouette map of the rover."""
+    """The silhouettes of a rover."""
 
-    def __init__(self, context: moderngl.Context, rover: RoverDescription) -> None:
-        self._context = context
+    def __init__(self, rover: RoverDescription) -> None:
         rest = link_poses(rover)
         links = list(rest)
         pieces = _pieces(rover)
@@ -83,69 +76,27 @@ class RoverShadow:
             float(np.linalg.norm(pose[:3, 3])) for pose in rest.values())
         self.radius_m = reach
         self._half_m = reach + _MARGIN_M    # half extent of the silhouette map
-        self._map: moderngl.Texture | None = None
-        self._uploaded: tuple[bytes, bytes] | None = None   # what it was drawn for
         self._latest = functools.lru_cache(maxsize=FRAMES_UNDER_WAY)(self._silhouette_of)
 
-    def cast(self, T_world_links: Array, sun_axes: Array, boxes: Array) -> CastShadow:
-        """Return the shadow; draw its map for `bind` if it may fall on rocks.
+    def cast(self, T_world_links: Array, sun_axes: Array) -> CastShadow:
+        """Return the shadow.
 
         Args:
             T_world_links: (links, 4, 4).
             sun_axes: (3, 3) as `rock_shadow.sun_axes`.
-            boxes: (m, 2, 3) of the rocks in view, as for `may_shade`.
         """
-        right, up, _ = sun_axes
-        centre = on_rocks = T_world_links[0, :3, 3]
         # Further cameras, and all faces of a fisheye, show the rover in the same pose.
         wanted = T_world_links.tobytes(), sun_axes.tobytes()
         corners = self._seen_corners(T_world_links, sun_axes)
         low, high = corners.min(axis=0), corners.max(axis=0)
-        if not self.may_shade(boxes, centre, sun_axes, low, high).any():
-            on_rocks = centre + _NOWHERE_M * up
-        elif wanted != self._uploaded:
-            self._upload(self._latest(*wanted))
-            self._uploaded = wanted
-        axes = np.stack([right, up]) / self._half_m
-        uniforms = {'u_rover_map': texture_units.ROVER_SHADOW, 'u_rover_right': tuple(axes[0]),
-                    'u_rover_up': tuple(axes[1]), 'u_rover_centre': tuple(on_rocks)}
         across = np.stack([low - _MARGIN_M, high + _MARGIN_M], axis=1)[:2] / self._half_m
         bounds = np.array([*across.ravel(), high[2], _BLUR / self._half_m], np.float32)
-        return CastShadow(uniforms, functools.partial(self._latest, *wanted), axes, centre, bounds)
+        return CastShadow(functools.partial(self._latest, *wanted), sun_axes[:2] / self._half_m,
+                          T_world_links[0, :3, 3], bounds)
 
     def _silhouette_of(self, links: bytes, axes: bytes) -> F32:
         return self.silhouette(np.frombuffer(links).reshape(-1, 4, 4),
                                np.frombuffer(axes).reshape(3, 3))
-
-    def bind(self) -> None:
-        """Bind the map."""
-        if self._map is not None:
-            self._map.use(texture_units.ROVER_SHADOW)
-
-    def _upload(self, silhouette: F32) -> None:
-        # A new texture: writing to one that is in use would wait for all drawing under way.
-        if self._map is not None:
-            self._map.release()
-        self._map = self._context.texture((MAP, MAP), 2, silhouette, dtype='f4')
-        self._map.repeat_x = self._map.repeat_y = False
-
-    @staticmethod
-    def may_shade(boxes: Array, centre: Array, sun_axes: Array, low: Array,
-                  high: Array) -> NDArray[np.bool_]:
-        """Return for (m, 2, 3) boxes whether the shadow may fall on anything in them, (m,).
-
-        Args:
-            boxes: Least and greatest coordinates, world frame [m].
-            centre: Position of the rover [m].
-            sun_axes: As for `cast`.
-            low, high: Least and greatest coordinates of the rover in them, from there [m].
-        """
-        away = (0.5 * (boxes[:, 0] + boxes[:, 1]) - centre) @ sun_axes.T
-        reach = 0.5 * (boxes[:, 1] - boxes[:, 0]) @ np.abs(sun_axes).T
-        behind = high[2] - (away[:, 2] - reach[:, 2])
-        reach[:, :2] += _MARGIN_M + _BLUR * np.maximum(behind, 0.0)[:, None]
-        beside = np.maximum(low - away, away - high)[:, :2]
-        return (behind >= 0.0) & np.all(beside <= reach[:, :2], axis=1)
 
     def _seen_corners(self, T_world_links: Array, sun_axes: Array) -> Array:
         """Return (v, 3) corners of all pieces in axes of the sun, relative to the rover [m]."""
@@ -185,11 +136,6 @@ class RoverShadow:
         distance *= np.float32(1.0 / scale)
         np.copyto(depth, cv2.dilate(depth, np.ones((25, 25), np.uint8)), where=free > 0)
         return np.asarray(cv2.merge([distance, depth]), np.float32)
-
-    def release(self) -> None:
-        """Release the GL objects."""
-        if self._map is not None:
-            self._map.release()
 
 
 @functools.lru_cache(maxsize=2)     # for the next renderer of the same rover

@@ -20,11 +20,11 @@ from lunar_rover_sim.image.camera.motion_blur import Movement, MovingBody
 from lunar_rover_sim.image.camera.mount import Mount
 from lunar_rover_sim.image.camera.stray_light import ImagedSun
 from lunar_rover_sim.image.rendering.canvas import Drawing
-from lunar_rover_sim.image.rendering.context import Uniforms
 from lunar_rover_sim.image.rendering.frame import FLOWS, LAYERS, RIGHT_TRUTH
 from lunar_rover_sim.image.rendering.ground import SeenTracks
 from lunar_rover_sim.image.rendering.ground_picture import GroundPicture
 from lunar_rover_sim.image.rendering.lamp_rows import LampLight
+from lunar_rover_sim.image.rendering.rover_pass import BodyLight
 from lunar_rover_sim.image.rendering.rover_shadow import CastShadow
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
@@ -136,11 +136,11 @@ class SceneLight:
 
     Attributes:
         shadow: That of the rover.
-        body: Of the light on the rover, None if it is out of view.
+        body: On the rover, None if it is out of view.
     """
 
     shadow: CastShadow
-    body: Uniforms | None
+    body: BodyLight | None
 
 
 @dataclasses.dataclass

@@ -22,12 +22,13 @@ from lunar_rover_sim.image.rendering.config import RenderConfig
 from lunar_rover_sim.image.rendering.context import clear_window
 from lunar_rover_sim.image.rendering.earth_image import EarthImage
 from lunar_rover_sim.image.rendering.frame import FLOWS
-from lunar_rover_sim.image.rendering.frame_targets import LinkTargets, read_image
+from lunar_rover_sim.image.rendering.frame_targets import DEPTH, FACE, read_image, SURFACE
 from lunar_rover_sim.image.rendering.gl_owner import GlOwner
 from lunar_rover_sim.image.rendering.ground_picture import (cover, cover_depth, far_ground,
                                                             GroundPicture, Part, tell)
 from lunar_rover_sim.image.rendering.labels import link_label
-from lunar_rover_sim.image.rendering.projection import Projection, ViewVolume
+from lunar_rover_sim.image.rendering.object_light import ObjectSource, Surfaces, tell_objects
+from lunar_rover_sim.image.rendering.projection import Projection
 from lunar_rover_sim.image.rendering.rock_pass import GroundSeen
 from lunar_rover_sim.image.rendering.scene import LEFT, LOWEST_M, Request, Scene, SceneLight
 from lunar_rover_sim.image.rendering.sun_pass import Occluders, SunPass
@@ -40,16 +41,20 @@ class Drawn:
     """What was read of a scene, by side.
 
     Attributes:
-        samples: Radiance and depth, with several samples a pixel where that is wanted.
+        samples: Images that are lit, with several samples a pixel where that is wanted.
         depth_m: (h, w) of pixels, as in `LitImage`; those of the samples where these are pixels.
         truth: Layers of truth but depth, (h, w) or (h, w, 3) of pixels.
-        link: (h, w) as in `LitImage`, where links of the rover were asked for and are in view.
+        surfaces: By the number of the drawing and the side, where light or truth is wanted.
+        face: (h, w, 3) true normals of rocks and the rover, of pixels.
+        links: Whether links of the rover are asked for.
     """
 
     samples: dict[int, LitImage]
     depth_m: dict[int, NDArray[np.float32]]
     truth: dict[int, dict[str, NDArray[Any]]]
-    link: dict[int, NDArray[np.uint8]]
+    surfaces: dict[tuple[int, int], Surfaces]
+    face: dict[int, NDArray[np.float32]]
+    links: bool
 
 
 class ScenePasses(GlOwner):
@@ -81,14 +86,10 @@ class ScenePasses(GlOwner):
     def _build(self, projection: Projection, samples: int) -> None:
         context, config = self._context, self._config
         self._colour = has_colour(config.sensor.encoding)
-        colour = samples == 1 and self._colour
-        self._pixels = self._samples = self._own(Canvas(context, projection, colour=colour))
+        self._pixels = self._samples = self._own(Canvas(context, projection))
         self._times = samples
         if samples > 1:
-            self._samples = self._own(Canvas(context, projection.finer(samples),
-                                             colour=self._colour))
-        self._marked = (self._own(LinkTargets(context, self._pixels.lit.radiance.size))
-                        if self._sees_rover else None)
+            self._samples = self._own(Canvas(context, projection.finer(samples)))
         projection = self._samples.projection
         self._earth = EarthImage(projection, config)
         self._sun = self._own(SunPass(context, projection, config, self._strays))
@@ -103,8 +104,6 @@ class ScenePasses(GlOwner):
         """Place the cameras of a frame, and choose what is in view."""
         projection, T_world_base = self._samples.projection, state.T_world_base
         shared = self._shared
-        if any(request.truth_of(side) for side in request.sides):
-            shared.prepare_truth()
         links = shared.body.poses(T_world_base, state.joint_angle_rad)
         # Both cameras decide what is drawn: an image does not depend on the other layers.
         cameras = self._mount.poses(state)
@@ -126,13 +125,16 @@ class ScenePasses(GlOwner):
         for drawing in scene.drawings:
             for side in drawing.sides:
                 drawing.targets.views[side].place(cameras[side], drawing.projection,
-                                                  volume.centre_m, drawing.targets.size)
+                                                  volume.centre_m)
         scene.depth_m = shared.ground.depths(
             {(number, side): (drawing.targets.views[side].numbers, drawing.projection)
              for number, drawing in enumerate(scene.drawings) for side in drawing.sides},
             scene.tracks, shared.workers)
         scene.shows_rover = self._sees_rover and shared.body.is_in_view(links, volume)
-        scene.lights = [self._choose_lit(source, scene, volume) for source in sources]
+        shared.rocks.choose(volume, projection.focal_px, self._config.detail.rock_min_px, [
+            GroundSeen(cameras[side], scene.drawings[number].projection, depth_m)
+            for (number, side), depth_m in scene.depth_m.items()])
+        scene.lights = [self._light_of(source, scene) for source in sources]
         return scene
 
     def _drawings(self, request: Request) -> tuple[Drawing, Drawing]:
@@ -143,34 +145,29 @@ class ScenePasses(GlOwner):
         return (self._pixels.begin(request.sides, ()),
                 self._samples.begin(request.lit_sides, request.lit_sides))
 
-    def _choose_lit(self, source: WorldPasses, scene: Scene, volume: ViewVolume) -> SceneLight:
-        """Return what the light of a source needs; choose rocks, draw the rover's shadow map."""
-        links = scene.T_world_links
-        source.rocks.choose(volume, self._samples.projection.focal_px,
-                            self._config.detail.rock_min_px, [
-                                GroundSeen(scene.T_world_cameras[side],
-                                           scene.drawings[number].projection, depth_m)
-                                for (number, side), depth_m in scene.depth_m.items()])
-        shadow = source.rover_shadow
-        cast = shadow.cast(links, source.sun_axes, source.rocks.boxes)
+    @staticmethod
+    def _light_of(source: WorldPasses, scene: Scene) -> SceneLight:
+        """Return what the light of a source needs."""
+        links, shadow = scene.T_world_links, source.rover_shadow
         body = None
         if scene.shows_rover:
             body = source.body.light(links, shadow.radius_m, source.sunlight,
-                                     source.config.sun.irradiance)
-        return SceneLight(cast, body)
+                                     source.config.sun.irradiance, source.sun_axes)
+        return SceneLight(shadow.cast(links, source.sun_axes), body)
 
     def light(self, scene: Scene) -> None:
-        """Draw rocks and the rover with the truth of pixels; the ground waits for its light."""
-        for source, light in zip(self._shared.sources, scene.lights):
-            source.set_uniforms(**light.shadow.uniforms)
+        """Draw what is where of rocks and the rover; light is computed when they are read."""
+        for k, (source, light) in enumerate(zip(self._shared.sources, scene.lights)):
             if light.body is not None:
-                source.body.cast(scene.T_world_links, source.sun_axes,
-                                 source.rover_shadow.radius_m)
+                scene.lights[k] = SceneLight(light.shadow, source.body.cast(scene.T_world_links,
+                                                                            light.body))
         for drawing in scene.drawings:
             for side in drawing.sides:
-                self._look_from(scene, drawing, side)
-                self._draw_objects(scene, drawing, side)
-                self._add_objects(scene, drawing, side)
+                drawing.targets.views[side].bind()
+                clear_window(self._target(scene, drawing, side), drawing.windows[side])
+                self._shared.rocks.draw()
+                if scene.shows_rover:
+                    self._shared.body.draw(scene.T_world_links)
         self._sun.read(scene)
         scene.ground = self._ground(scene)
         self._shared.waiting.append(scene.ground)
@@ -182,8 +179,7 @@ class ScenePasses(GlOwner):
         for number, drawing in enumerate(scene.drawings):
             for side in drawing.sides:
                 truth = self._truth_of(scene, drawing, side)
-                sources = [source.light_on_ground(light, None if k else scene.lamp)
-                           for k, (source, light) in enumerate(self._lights(scene, drawing, side))]
+                sources = [source.ground for source in self._sources(scene, drawing, side)]
                 lit = side in drawing.lit_sides or 'shadow' in truth
                 parts[number, side] = Part(
                     drawing, side, scene.depth_m[number, side], lit, self._colour, truth,
@@ -192,42 +188,61 @@ class ScenePasses(GlOwner):
         return GroundPicture(shared.workers, parts)
 
     def read(self, scene: Scene, *, links: bool) -> Drawn:
-        """Read what was drawn of a scene that has just been lit; links: those too."""
-        request = scene.request
-        depth_m = {side: _read(self._pixels, 1, side) for side in request.sides}
-        one = self._samples is self._pixels
-        samples = {side: LitImage(_read(self._samples, 0, side), depth_m[side] if one
-                                  else _read(self._samples, 1, side),
-                                  tint=_tint(self._samples, side) if self._colour else None)
-                   for side in request.lit_sides}
-        size = self._pixels.projection.height, self._pixels.projection.width
-        truth = {side: scene.pixels.targets.truth.read(request.truth_of(side), side, size)
-                 for side in request.sides if request.truth_of(side)}
-        return Drawn(samples, depth_m, truth,
-                     self._links(scene) if links and scene.shows_rover else {})
+        """Read what was drawn of a scene; links: whether those are asked for."""
+        request, surfaces, depths = scene.request, {}, {}
+        face, truth = {}, {}
+        last = len(scene.drawings) - 1
+        for number, drawing in enumerate(scene.drawings):
+            size = drawing.projection.height, drawing.projection.width
+            for side in drawing.sides:
+                target, told = self._target(scene, drawing, side), self._truth_of(scene, drawing,
+                                                                                  side)
+                depth_m = depths[number, side] = read_image(target, DEPTH, side, size)
+                if side in drawing.lit_sides or told or links:
+                    surfaces[number, side] = Surfaces(
+                        depth_m, read_image(target, SURFACE, side, size, 2, 'u4'),
+                        drawing.targets.views[side].numbers)
+                if told:
+                    truth[side] = _blank_truth(told, size)
+                if 'normal' in told:
+                    face[side] = read_image(target, FACE, side, size, 3)
+        samples = {}
+        for side in request.lit_sides:
+            shape = depths[0, side].shape
+            samples[side] = LitImage(np.zeros(shape, np.float32), depths[0, side],
+                                     tint=np.zeros(shape, np.uint32) if self._colour else None)
+        return Drawn(samples, {side: depths[last, side] for side in request.sides}, truth,
+                     surfaces, face, links and scene.shows_rover)
 
     def finish(self, scene: Scene, drawn: Drawn) -> dict[int, LitImage]:
-        """Return the lit images of a scene, by side: with smooth outlines, Earth and sun.
-
-        The ground is added to what was drawn.
-        """
+        """Return the lit images of a scene, by side: with smooth outlines, Earth and sun."""
         samples, ground, workers = drawn.samples, scene.ground, self._shared.workers
         assert ground is not None
         ground.make()
         if ground in self._shared.waiting:
             self._shared.waiting.remove(ground)
-        last = len(scene.drawings) - 1
+        last, parts = len(scene.drawings) - 1, self._shared.body.parts
         pixel = 1.0 / self._samples.projection.focal_px
         far_m = far_ground(pixel, scene.above_m)
+        link = {}
         for side, image in samples.items():
             cover(image, ground.images[0, side], workers, far_m)
+            shadow = None if last else drawn.truth.get(side, {}).get('shadow')
+            drawn.surfaces[0, side].light(self._sources(scene, scene.samples, side), workers,
+                                          image.radiance, image.tint, shadow)
         for side, depth_m in drawn.depth_m.items():
             own = ground.images[last, side]
             if last or side not in samples:
                 cover_depth(depth_m, own.depth_m, workers)
-            if side in drawn.link:      # what the ground hides of the rover
-                drawn.link[side][depth_m > 0.0] = 0
+                if 'shadow' in drawn.truth.get(side, {}):
+                    drawn.surfaces[last, side].light(
+                        self._sources(scene, scene.pixels, side)[:1], workers, None, None,
+                        drawn.truth[side]['shadow'])
+            if drawn.links:     # what the ground does not hide of the rover
+                link[side] = drawn.surfaces[last, side].links(parts)
             if side in drawn.truth:
+                tell_objects(drawn.truth[side], drawn.surfaces[last, side], parts,
+                             drawn.face.get(side))
                 tell(drawn.truth[side], depth_m, own)
         self._earth.draw(scene, samples.values())   # before outlines in front of it are smoothed
         if self._config.detail.smooth_outlines:
@@ -235,7 +250,7 @@ class ScenePasses(GlOwner):
                 smooth_outlines(image.radiance, image.depth_m, pixel, scene.above_m, workers)
         self._sun.draw(scene, samples)
         return {side: LitImage(_averaged(image.radiance, self._times), drawn.depth_m[side],
-                               drawn.link.get(side), _averaged_tint(image, self._times))
+                               link.get(side), _averaged_tint(image, self._times))
                 for side, image in samples.items()}
 
     @staticmethod
@@ -244,61 +259,14 @@ class ScenePasses(GlOwner):
         return scene.request.truth_of(side) if drawing is scene.pixels else set()
 
     def _target(self, scene: Scene, drawing: Drawing, side: int) -> moderngl.Framebuffer:
-        """Return what a camera is lit into, with attachments for truth if that is drawn."""
-        targets = drawing.targets
-        if self._truth_of(scene, drawing, side):
-            return targets.truth.framebuffers[side]
-        return targets.lit[side]
+        """Return what a camera is drawn into, with true normals if those are wanted."""
+        return drawing.targets.of(side, faces='normal' in self._truth_of(scene, drawing, side))
 
-    def _lights(self, scene: Scene, drawing: Drawing,
-                side: int) -> list[tuple[WorldPasses, SceneLight]]:
+    def _sources(self, scene: Scene, drawing: Drawing, side: int) -> list[ObjectSource]:
         """Return the sources of light of a camera; the sun alone where only truth is drawn."""
-        every = list(zip(self._shared.sources, scene.lights))
+        every = [source.source(light, None if k else scene.lamp, scene.T_world_links)
+                 for k, (source, light) in enumerate(zip(self._shared.sources, scene.lights))]
         return every if side in drawing.lit_sides else every[:1]
-
-    def _add_objects(self, scene: Scene, drawing: Drawing, side: int) -> None:
-        """Add the light of sources but the sun to rocks and the rover, which are drawn."""
-        self._context.depth_func = '<='
-        try:
-            for source, light in self._lights(scene, drawing, side)[1:]:
-                target = drawing.targets.added[side]
-                target.use()
-                target.viewport = drawing.windows[side]
-                source.rover_shadow.bind()
-                source.rocks.draw(add=True)
-                if light.body is not None:
-                    source.body.draw(scene.T_world_links, light.body, add=True)
-        finally:
-            self._context.depth_func = '<'
-
-    def _links(self, scene: Scene) -> dict[int, NDArray[np.uint8]]:
-        """Return which link of the rover each pixel of a lit scene shows, as `LitImage.link`."""
-        assert self._marked is not None
-        target, result = self._marked.framebuffer, {}
-        for side in scene.request.lit_sides:
-            scene.pixels.targets.views[side].bind()
-            clear_window(target, scene.pixels.windows[side])
-            self._shared.body.mark(scene.T_world_links, self._pixels.lit.depth)
-            result[side] = read_image(target, 0, side, (
-                self._pixels.projection.height, self._pixels.projection.width), kind='f1')
-        return result
-
-    def _look_from(self, scene: Scene, drawing: Drawing, side: int) -> None:
-        """Draw for a camera from now on."""
-        drawing.targets.views[side].bind()
-        if self._shared.lamp is not None:
-            self._shared.lamp.bind(self._shared.programs, scene.state.T_world_base,
-                                   scene.T_world_cameras[side])
-
-    def _draw_objects(self, scene: Scene, drawing: Drawing, side: int) -> None:
-        truth = bool(self._truth_of(scene, drawing, side))
-        target = self._target(scene, drawing, side)
-        clear_window(target, drawing.windows[side])
-        self._shared.rover_shadow.bind()
-        self._shared.rocks.draw(truth=truth)
-        body = scene.lights[0].body
-        if body is not None:
-            self._shared.body.draw(scene.T_world_links, body, truth=truth)
 
     def flow(self, scene: Scene, K: Array, depth_m: NDArray[np.float32],
              label: NDArray[np.uint16]) -> dict[str, NDArray[np.float32]]:
@@ -318,17 +286,12 @@ class ScenePasses(GlOwner):
         return {name: flows[name]() for name in scene.request.layers.intersection(FLOWS)}
 
 
-def _read(canvas: Canvas, index: int, side: int) -> NDArray[np.float32]:
-    """Return radiance (0) or depth (1) of a camera, as it was lit."""
-    size = canvas.projection.height, canvas.projection.width
-    return read_image(canvas.lit.framebuffer, index, side, size)
-
-
-def _tint(canvas: Canvas, side: int) -> NDArray[np.uint32]:
-    """Return the colour of a camera, as it was lit."""
-    size = canvas.projection.height, canvas.projection.width
-    return read_image(canvas.lit.framebuffer, 2, side, size, components=2,
-                      kind='nu2').view(np.uint32)[..., 0]
+def _blank_truth(layers: set[str], size: tuple[int, int]) -> dict[str, NDArray[Any]]:
+    """Return layers of truth of the sky."""
+    kinds: dict[str, tuple[type, tuple[int, ...]]] = {
+        'label': (np.uint16, ()), 'crater': (np.uint16, ()), 'normal': (np.float32, (3,)),
+        'shadow': (np.uint8, (3,))}
+    return {name: np.zeros((*size, *kinds[name][1]), kinds[name][0]) for name in layers}
 
 
 def _averaged(radiance: NDArray[np.float32], times: int) -> NDArray[np.float32]:

@@ -114,12 +114,12 @@ class SunPass:
         n = self._n
         for side in scene.request.lit_sides:
             window = (0, side * n, n, n)
-            self._views[side].place(views[side], self._narrow, volume.centre_m, (n, 2 * n))
+            self._views[side].place(views[side], self._narrow, volume.centre_m)
             self._views[side].bind()
             clear_window(self._hidden, window)
             occluders.rocks.draw()
             if rover:
-                occluders.rover.draw(scene.T_world_links, {})
+                occluders.rover.draw(scene.T_world_links)
 
     def read(self, scene: Scene) -> None:
         """Note how much of the disc each camera of a scene sees."""

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
-import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.image.rendering import texture_units
-from lunar_rover_sim.image.rendering.context import set_uniform
 from lunar_rover_sim.image.rendering.ground_texels import LevelTexels
 from lunar_rover_sim.image.rendering.mip_texels import mip_texels, MipTexels, packed_levels
 from lunar_rover_sim.image.rendering.relief_brightness import (LEAST_FACTOR, LEAST_SCALES, LEVELS,
@@ -22,7 +18,6 @@ F32 = NDArray[np.float32]
 
 _CELL_M = 1.0           # side of the triangles between the cells of the relief below the grid
 _ZONE = 0.1             # of the way to the middle of a cell, where the next one may be drawn
-_GRAIN = (1.0 / 3.1, 1.0, 0.11, 1.4)    # of rocks, see u_grain in shaders/rock.frag
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,17 +51,16 @@ class SurfaceTexels:
 
 
 class Surface:
-    """The texels that the ground is lit with, and the texture of the rocks.
+    """The texels that the ground and the rocks are lit with.
 
     Attributes:
         tiles: Of the relief below the grid, under the present sun.
         texels: Of the ground.
     """
 
-    def __init__(self, context: moderngl.Context, world: World) -> None:
+    def __init__(self, world: World) -> None:
         """`light` fills it."""
-        self._context, self._world = context, world
-        self._grain: moderngl.Texture | None = None
+        self._world = world
 
     def light(self, levels: list[LevelTexels], tiles: ReliefTiles,
               brightness: ReliefBrightness) -> None:
@@ -87,21 +81,3 @@ class Surface:
             np.array([tiles.centre, tiles.half_range], np.float32),
             np.ascontiguousarray(roots).view(np.uint32)[..., 0], brightness.tangent,
             np.asarray(brightness.scales, np.float32), float(-np.log2(tiles.fine.texel_m)))
-        self.release()
-        codes, context = tiles.coarse.codes, self._context
-        self._grain = context.texture((len(codes[0]), len(codes[0])), 4, codes[0], dtype='f1')
-        self._grain.build_mipmaps()
-        for level, code in enumerate(codes):
-            self._grain.write(code, level=level)
-        self._grain.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
-
-    def bind_rocks(self, program: Any) -> None:
-        """Bind what rocks are lit with."""
-        assert self._grain is not None
-        self._grain.use(texture_units.TILE_A)
-        set_uniform(program, u_tile_a=texture_units.TILE_A, u_grain=_GRAIN)
-
-    def release(self) -> None:
-        """Release the GL objects."""
-        if self._grain is not None:
-            self._grain.release()

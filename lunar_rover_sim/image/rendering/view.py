@@ -14,8 +14,7 @@ from lunar_rover_sim.image.rendering.projection import Projection
 Window = tuple[int, int, int, int]      # x, y, width, height within a framebuffer [px]
 
 # The layout std140 of the block View in shaders/view.glsl.
-_BLOCK = np.dtype([('clip', 'f4', 16), ('camera', 'f4', 3), ('pixel', 'f4'), ('axis', 'f4', 4),
-                   ('texel', 'f4', 4)])
+_BLOCK = np.dtype([('clip', 'f4', 16), ('camera', 'f4', 3), ('pixel', 'f4'), ('axis', 'f4', 4)])
 
 
 class ViewNumbers(NamedTuple):
@@ -60,19 +59,17 @@ class View:
     def __init__(self, context: moderngl.Context) -> None:
         self._buffer = context.buffer(reserve=_BLOCK.itemsize, dynamic=True)
 
-    def place(self, T_world_camera: Array, projection: Projection, middle: Array,
-              size: tuple[int, int]) -> None:
+    def place(self, T_world_camera: Array, projection: Projection, middle: Array) -> None:
         """Set where the camera is and what it sees.
 
         Args:
             middle: (2,) or more, place of the middle of all cameras [m].
-            size: Of the attachments that its image lies in [px].
         """
         self.numbers = view_numbers(T_world_camera, projection, middle)
         block = np.zeros((), _BLOCK)
         block['clip'] = projection.clip_matrix(T_world_camera).ravel()
         block['camera'], block['pixel'] = T_world_camera[:3, 3], self.numbers.pixel
-        block['axis'][:3], block['texel'][:2] = T_world_camera[:3, 2], 1.0 / np.array(size)
+        block['axis'][:3] = T_world_camera[:3, 2]
         self._buffer.orphan()   # the previous content may still be in use
         self._buffer.write(block.tobytes())
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
 
 import moderngl
 import numpy as np
 
-from lunar_rover_sim.base.frames import sun_direction
+from lunar_rover_sim.base.frames import Array, sun_direction
 from lunar_rover_sim.base.workers import Workers
 from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.ground.world.far_rocks import far_rocks
@@ -17,7 +16,6 @@ from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.illumination.config import EarthConfig, LampConfig, SunConfig
 from lunar_rover_sim.image.illumination.earthshine import earth_as_sun
 from lunar_rover_sim.image.rendering.config import RenderConfig
-from lunar_rover_sim.image.rendering.context import set_uniform
 from lunar_rover_sim.image.rendering.crater_map import crater_lists, CraterLists
 from lunar_rover_sim.image.rendering.gl_owner import GlOwner
 from lunar_rover_sim.image.rendering.ground import Ground
@@ -26,8 +24,9 @@ from lunar_rover_sim.image.rendering.ground_picture import GroundPicture
 from lunar_rover_sim.image.rendering.ground_texels import GroundTexels
 from lunar_rover_sim.image.rendering.lamp_rows import LampLight
 from lunar_rover_sim.image.rendering.lamp_shadow import LampShadow
-from lunar_rover_sim.image.rendering.lighting import GroundConstants, lighting_constants
-from lunar_rover_sim.image.rendering.rock_pass import RockPass
+from lunar_rover_sim.image.rendering.lighting import LightConstants
+from lunar_rover_sim.image.rendering.object_light import ObjectSource
+from lunar_rover_sim.image.rendering.rock_pass import rock_table, RockPass
 from lunar_rover_sim.image.rendering.rover_pass import RoverPass
 from lunar_rover_sim.image.rendering.rover_shadow import RoverShadow
 from lunar_rover_sim.image.rendering.scene import SceneLight
@@ -50,7 +49,7 @@ class WorldPasses(GlOwner):
         rocks, body, rover_shadow: Passes.
         lamp: None without a lamp.
         tracks: None before `follow`.
-        programs: Of all passes that compute light or truth.
+        rock_table: What the light of rocks follows from.
         workers: Threads for rows of images.
         waiting: Frames whose ground is not made yet.
         earth: Passes of the light of the Earth, as if that were the sun; None if it is not drawn.
@@ -72,27 +71,26 @@ class WorldPasses(GlOwner):
 
     def _build(self, ground: Ground | None) -> None:
         context, config, world = self._context, self.config, self.world
-        self._surface = self._own(Surface(context, world))
+        self._surface = Surface(world)
         self._far_rocks = far_rocks(world, config.detail.far_rocks_m)
         self._texels = GroundTexels(world)
         light = self._light_under(config)
         self._light_surface(light)
         sunlight = light.sunlight
-        lamp = config.lamp.power_w > 0.0
         self.ground = ground or Ground(world, config.detail, self._surface)
-        self.rocks = self._own(RockPass(context, sunlight.rocks, world.rock_shapes,
-                                        light.rock_light,
-                                        world.height_at(sunlight.rocks.position_m[:, :2]),
-                                        self._surface, lamp))
-        self.body = self._own(RoverPass(context, self.rover, lamp))
-        self.rover_shadow = self._own(RoverShadow(context, self.rover))
-        self.lamp = self._own(LampShadow(context, config.lamp, config.camera)) if lamp else None
+        rocks = sunlight.rocks
+        self.rocks = self._own(RockPass(context, rocks, world.rock_shapes))
+        self.rock_table = rock_table(rocks, light.rock_light,
+                                     world.height_at(rocks.position_m[:, :2]))
+        self.body = self._own(RoverPass(context, self.rover))
+        self.rover_shadow = RoverShadow(self.rover)
+        self.lamp = (self._own(LampShadow(context, config.lamp, config.camera))
+                     if config.lamp.power_w > 0.0 else None)
         self.tracks: TrackMap | None = None
         self._craters: CraterLists | None = None
-        self._has_truth = False
         self.workers = self._own(Workers())
         self.waiting: list[GroundPicture] = []
-        self._gather_programs()
+        self._set_constants()
         self.earth = (self._own(WorldPasses(context, world, self.rover, _under_earth(config),
                                             self.seed, self.ground))
                       if config.earth.lights_ground else None)
@@ -103,18 +101,6 @@ class WorldPasses(GlOwner):
         if self.earth is None or not self.earth.config.sun.shines:
             return (self,)
         return self, self.earth
-
-    def _gather_programs(self) -> None:
-        self.programs = (*self.rocks.programs, *self.body.programs)
-        self._set_constants()
-
-    def prepare_truth(self) -> None:
-        """Be able to draw truth from now on; programs are compiled for the first frame of it."""
-        if not self._has_truth:
-            self._has_truth = True
-            for passes in (self.rocks, self.body):
-                passes.prepare_truth()
-            self._gather_programs()
 
     def follow(self, overlay: Overlay) -> None:
         """Draw the tracks of an overlay from now on."""
@@ -135,11 +121,14 @@ class WorldPasses(GlOwner):
                                          [grid.half_extent_m for grid in self.world.levels])
         return self._craters
 
-    def light_on_ground(self, light: SceneLight, lamp: LampLight | None) -> GroundSource:
-        """Return what the ground is lit with in a frame."""
-        return GroundSource(self._constants, self._surface.texels,
-                            None if self.tracks is None else self.tracks.arrays, light.shadow,
-                            lamp)
+    def source(self, light: SceneLight, lamp: LampLight | None,
+               T_world_links: Array) -> ObjectSource:
+        """Return what a frame is lit with by this source of light."""
+        ground = GroundSource(self._constants, self._surface.texels,
+                              None if self.tracks is None else self.tracks.arrays, light.shadow,
+                              lamp)
+        return ObjectSource(ground, self.rock_table, light.body, self.body.parts,
+                            T_world_links.astype(np.float32))
 
     def make_waiting(self) -> None:
         """Make the ground of frames that wait for it, before the ground changes."""
@@ -162,7 +151,7 @@ class WorldPasses(GlOwner):
         """Move the sun; light: as `light_of` returned it, to be used once."""
         self.config = dataclasses.replace(self.config, sun=light.sun)
         self._light_surface(light)
-        self.rocks.relight(light.rock_light)
+        self.rock_table = np.column_stack([self.rock_table[:, :15], light.rock_light])
         if self.tracks is not None:
             self.tracks.relight(self._track_sun())
         self._set_constants()
@@ -175,20 +164,7 @@ class WorldPasses(GlOwner):
         light.texels.clear()    # tens of megabytes
 
     def _set_constants(self) -> None:
-        sun = self.config.sun
-        # Patches of colour lie elsewhere in each world.
-        place = np.random.default_rng([max(self.world.config.seed, 0), *b'colour']).uniform(
-            -5e3, 5e3, 2)
-        values = lighting_constants(self.config, sun_direction(sun.azimuth_deg,
-                                                               sun.elevation_deg))
-        values['u_tint_place'] = tuple(place)
-        self.set_uniforms(**values)
-        self._constants = GroundConstants.of(values, self.config.detail.smooth_outlines)
-
-    def set_uniforms(self, **values: Any) -> None:
-        """Set uniforms of all programs that have them."""
-        for program in self.programs:
-            set_uniform(program, **values)
+        self._constants = LightConstants.of(self.config, self.world.config.seed)
 
 
 def _under_earth(config: RenderConfig) -> RenderConfig:

@@ -6,10 +6,9 @@ import pytest
 
 from lunar_rover_sim.image.camera.chase import ChaseConfig, ChaseMount
 from lunar_rover_sim.image.camera.config import CameraConfig
-from lunar_rover_sim.image.rendering import ground_band
+from lunar_rover_sim.image.rendering import ground_band, object_light
 from lunar_rover_sim.image.rendering.renderer import Renderer
 from lunar_rover_sim.image.rendering.rover_pass import RoverPass
-from lunar_rover_sim.image.rendering.rover_shadow import RoverShadow
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.rover.visual import CELLS, GLOSS, GOLD, visual_parts
 
@@ -81,7 +80,7 @@ def test_none_of_it_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     stones = scene.rocks([(0.9, 0.15, 0.1), (2.5, -0.3, 0.1), (0.4, -0.9, 0.1)], 0.25)
     world = scene.plane(heights=scene.hills(), stones=stones, shape=scene.block())
     config = scene.config(2.0, camera=CameraConfig(width=128, height=96))
-    found, of_rover, may_shade = [], [], RoverShadow.may_shade
+    found, of_rover = [], []
     real = ground_band.may_shade
     with Renderer(world, scene.ROVER, config) as renderer:
         for elevation_deg in (2.0, 6.0, 35.0):
@@ -93,10 +92,8 @@ def test_none_of_it_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
                     def shaded(*args, value=value):
                         found.append(real(*args))
                         return found[-1] if value is None else value
-                    monkeypatch.setattr(ground_band, 'may_shade', shaded)
-                    monkeypatch.setattr(RoverShadow, 'may_shade', staticmethod(
-                        lambda boxes, *args, value=value: may_shade(boxes, *args)
-                        if value is None else np.full(len(boxes), value)))
+                    for module in (ground_band, object_light):
+                        monkeypatch.setattr(module, 'may_shade', shaded)
                     frames.append(renderer.render(state, 0, ('radiance',)).radiance)
                 assert np.array_equal(frames[0], frames[1]), (elevation_deg, yaw_deg)
                 of_rover.append((frames[1] != frames[2]).mean())

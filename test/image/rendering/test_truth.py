@@ -83,9 +83,8 @@ def view():
                       state.joint_angle_rad + np.radians([20.0, -15.0, 10.0, 25.0]))
     with Renderer(world, SEEN, config) as drawn:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(frame_targets.TruthTargets, '__init__', refused)
-            for method in ('prepare_truth', 'crater_lists'):
-                patch.setattr(WorldPasses, method, refused)
+            patch.setattr(frame_targets.SurfaceTargets, 'face', property(refused))
+            patch.setattr(WorldPasses, 'crater_lists', refused)
             assert drawn.render(state, 0, ('left', 'right', 'depth')).label is None
         with pytest.raises(RenderError, match="'optical_flow' is not valid without `other`"):
             drawn.render(state, 0, ('optical_flow',))

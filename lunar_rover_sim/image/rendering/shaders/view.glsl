@@ -4,5 +4,4 @@ layout(std140) uniform View {
     vec3 u_camera;              // world position [m]
     float u_pixel;              // size of a pixel at depth 1
     vec3 u_axis;                // direction of the optical axis
-    vec2 u_texel;               // 1 / size of the attachments
 };
