@@ -78,8 +78,7 @@ class Access:
             return f'Host {", ".join(hosts)!r} is not {" or ".join(self._hosts)}'
         if len(origins) > 1 or not all(
                 origin == f'http://{hosts[0]}' or origin in self._origins for origin in origins):
-            return (f'Origin {", ".join(origins)!r} is another page; where it may see and drive '
-                    'the rover, name it with --allow-origin')
+            return f'Origin {", ".join(origins)!r} is another page; allow it with --allow-origin'
         given = parse_qs(urlsplit(target).query).get('token', [''])[0]
         if not hmac.compare_digest(given.encode(), self.token.encode()):
             return 'the token is missing or wrong; open the address that was printed'

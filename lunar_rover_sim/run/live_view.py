@@ -38,6 +38,7 @@ _PROTOCOLS = ('foxglove.sdk.v1', 'foxglove.websocket.v1')
 _BACKLOG = 32           # messages kept for a slow client
 _MOST_BYTES = 1 << 16   # of a message of a client
 _MOST_CHANNELS = 100    # that a client may offer, and that it may watch
+_MOST_TOLD = 10         # reasons to refuse clients
 _END_S = 5.0
 _TELL_S = 0.02          # times are told no more often than this, in wall time
 _MESSAGE, _TIME, _PLAYBACK = struct.Struct('<BIQ'), struct.Struct('<BQ'), struct.Struct('<BBQfBI')
@@ -140,6 +141,7 @@ class LiveView(Closing):
         self._clients: set[_Client] = set()
         self._changing = threading.Lock()       # of channels and clients
         self._playback = b''
+        self._refused: set[str] = set()         # why clients were, as it was told
         self._told_s = -_TELL_S
         self._log = logging.getLogger('lunar_rover_sim.live_view')
         quiet = logging.getLogger('lunar_rover_sim.live_view.websockets')
@@ -160,7 +162,9 @@ class LiveView(Closing):
         headers = request.headers
         if problem := self.access.problem(request.path, headers.get_all('Host'),
                                           headers.get_all('Origin')):
-            self._log.warning('live view: a client was refused: %s', problem)
+            if problem not in self._refused and len(self._refused) < _MOST_TOLD:
+                self._refused.add(problem)
+                self._log.warning('live view: a client was refused: %s', problem[:200])
             return connection.respond(403, f'lunar_rover_sim: {problem}\n')
         if headers.get_all('Upgrade'):
             return None
