@@ -23,8 +23,7 @@ from lunar_rover_sim.base.parameters import Parameters
 from lunar_rover_sim.cli.main import COMMANDS, load
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.run.companion_config import COMPANION_CONFIGS
-from lunar_rover_sim.run.node_config import NODE_CONFIGS
+from lunar_rover_sim.run.node_config import COMPANION_CONFIGS, NODE_CONFIGS
 from lunar_rover_sim.run.scenario import RunConfig, Scenario, SHARED
 from lunar_rover_sim.run.shared_config import NodeConfig
 

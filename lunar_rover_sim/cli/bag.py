@@ -22,8 +22,8 @@ from lunar_rover_sim.products.inspection.bag_pictures import preview as draw_pre
 from lunar_rover_sim.products.inspection.replay import replay
 from lunar_rover_sim.products.inspection.report import Status
 from lunar_rover_sim.products.inspection.summary import missing_tf
-from lunar_rover_sim.run.companion_config import VIEW_PORT
 from lunar_rover_sim.run.live_page import Access
+from lunar_rover_sim.run.node_config import VIEW_PORT
 
 
 @contextlib.contextmanager

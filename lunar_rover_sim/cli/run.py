@@ -18,8 +18,8 @@ from lunar_rover_sim.base.parameters import replaced
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.products.inspection.summary import summarise
-from lunar_rover_sim.run.companion_config import VIEW_PORT
 from lunar_rover_sim.run.live_view import ViewProcess
+from lunar_rover_sim.run.node_config import VIEW_PORT
 from lunar_rover_sim.run.plan import (navigated_duration_s, with_navigator, with_policy,
                                       with_route, with_slam, without_node)
 from lunar_rover_sim.run.recording import record, Recording

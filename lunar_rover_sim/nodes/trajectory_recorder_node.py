@@ -13,7 +13,7 @@ from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.parameters import declare
-from lunar_rover_sim.run.companion_config import TrajectoryRecorderNodeConfig
+from lunar_rover_sim.run.node_config import TrajectoryRecorderNodeConfig
 
 TOPIC = 'pose'
 _DISCOVERY_S = 0.1

@@ -21,9 +21,9 @@ from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
-from lunar_rover_sim.run.companion_config import ViewNodeConfig
 from lunar_rover_sim.run.live_page import map_pages
 from lunar_rover_sim.run.live_view import LiveView
+from lunar_rover_sim.run.node_config import ViewNodeConfig
 
 _POLL_S = 0.2
 _HISTORY = 5

@@ -361,6 +361,31 @@ class NavigatorNodeConfig(PacedConfig, NodeConfig, NavigatorConfig):
                               ' of the depth')
 
 
+VIEW_PORT = 8765
+
+
+@dataclasses.dataclass(frozen=True)
+class TrajectoryRecorderNodeConfig(NodeConfig):
+    """Parameters of trajectory_recorder_node."""
+
+    output: str = param('', 'TUM file to write; it must not exist')
+    type: str = param('', 'message type of the topic `pose`; empty: that of its publisher',
+                      choices=('', 'geometry_msgs/msg/PoseStamped',
+                               'geometry_msgs/msg/PoseWithCovarianceStamped',
+                               'nav_msgs/msg/Odometry', 'nav_msgs/msg/Path'))
+
+
+@dataclasses.dataclass(frozen=True)
+class ViewNodeConfig(NodeConfig):
+    """Parameters of view_node."""
+
+    port: int = param(VIEW_PORT, 'port of page and websocket, on this machine only', low=1024,
+                      high=65535)
+    allow_origin: tuple[str, ...] = param(
+        (), 'origins of pages elsewhere that may see and drive the rover too, with the token, '
+        'such as https://app.foxglove.dev')
+
+
 NODE_CONFIGS: dict[str, type[NodeConfig]] = {
     'physics_node': PhysicsNodeConfig,
     'gait_controller_node': GaitNodeConfig,
@@ -379,6 +404,11 @@ LEG_CONTROLLERS = 'gait_controller_node', 'policy_node'
 # takes the place of gait_controller_node, and the navigator that of drive_node.
 DEFAULT_NODES = ('physics_node', 'gait_controller_node', 'drive_node', 'render_node',
                  'recorder_node')
+# These run beside a graph, and in no scenario.
+COMPANION_CONFIGS: dict[str, type[NodeConfig]] = {
+    'trajectory_recorder_node': TrajectoryRecorderNodeConfig,
+    'view_node': ViewNodeConfig,
+}
 
 # Parameter → the one of another node that it takes over.
 FOLLOWS = {

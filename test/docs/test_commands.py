@@ -12,8 +12,7 @@ from snippets import commands, ROOT, snippets
 
 from lunar_rover_sim.base.files.paths import packaged_names
 from lunar_rover_sim.rover.rover_file import load_rover
-from lunar_rover_sim.run.companion_config import COMPANION_CONFIGS
-from lunar_rover_sim.run.node_config import NODE_CONFIGS
+from lunar_rover_sim.run.node_config import COMPANION_CONFIGS, NODE_CONFIGS
 from lunar_rover_sim.run.scenario import Scenario
 
 NODES = {**NODE_CONFIGS, **COMPANION_CONFIGS}
