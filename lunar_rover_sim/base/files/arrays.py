@@ -16,12 +16,6 @@ from lunar_rover_sim.base.files.paths import check_regular
 _HEADERS = threading.Lock()
 
 
-def read_array(path: Path) -> NDArray:
-    """Return the array of a .npy file of our own; raise OSError, ValueError or EOFError."""
-    with _HEADERS:
-        return np.asarray(np.load(path, allow_pickle=False))
-
-
 def map_array(path: Path, error: type[LunarRoverSimError]) -> NDArray:
     """Return the array of a .npy file, mapped and read-only; raise `error` if there is none."""
     check_regular(path, error)

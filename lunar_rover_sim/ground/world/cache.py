@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import json
 import logging
 import os
 import pathlib
+import shutil
 from typing import Any
 
 from lunar_rover_sim.base.errors import ConfigError, WorldError
@@ -57,9 +59,9 @@ def cache_key(config: WorldConfig, seed: int) -> str:
 
 
 def cached(config: WorldConfig, seed: int = 0, progress: Any = None) -> pathlib.Path:
-    """Return the folder of the world, which is built if the cache lacks it.
+    """Return the folder of the world, whose content is verified; it is built if it is not there.
 
-    Two processes may build the same world at once; the first to finish puts it in place.
+    A damaged world is built again. One process builds a world at a time, others wait for it.
 
     Args:
         progress: As for `build_world`.
@@ -69,21 +71,55 @@ def cached(config: WorldConfig, seed: int = 0, progress: Any = None) -> pathlib.
         WorldError: If it cannot be built.
     """
     folder = cache_folder() / cache_key(config, seed)
-    if (folder / 'world.yaml').is_file():
+    if _is_whole(folder):
+        return folder
+    with contextlib.ExitStack() as lock:
+        with contextlib.suppress(OSError):      # where there are no locks, both build it
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            _lock(folder, lock)
+        if _is_whole(folder):
+            return folder
+        for left in folder.parent.glob(f'.{folder.name}.*.partial'):    # by one that was killed
+            shutil.rmtree(left, ignore_errors=True)
+        # Its libraries take half a second to import: each run and each renderer would wait.
+        from lunar_rover_sim.ground.world.build import build_world
+        world = build_world(config, seed, progress)
+        _remove(folder)
         try:
-            load_world(folder, verify=False)
-            return folder
+            return save_world(world, folder)
         except WorldError as error:
-            logger.warning('%s; building it again', error)
-            with contextlib.suppress(OSError):
-                folder.rename(folder.with_name(f'.{folder.name}.damaged.{os.getpid()}'))
-    # Its libraries take half a second to import: each run and each renderer would wait for them.
-    from lunar_rover_sim.ground.world.build import build_world
-    world = build_world(config, seed, progress)
+            if _is_whole(folder):
+                return folder
+            raise WorldError(f'{error}; LUNAR_ROVER_SIM_CACHE names another folder for built '
+                             'worlds') from None
+
+
+def _is_whole(folder: pathlib.Path) -> bool:
+    """Return whether a world is there and is what it was when it was built."""
+    if not folder.is_symlink() and not folder.exists():
+        return False
     try:
-        return save_world(world, folder)
+        load_world(folder)
     except WorldError as error:
-        if (folder / 'world.yaml').is_file():
-            return folder
-        raise WorldError(f'{error}; LUNAR_ROVER_SIM_CACHE names another folder for built '
-                         'worlds') from None
+        logger.warning('%s; building it again', error)
+        return False
+    return True
+
+
+def _lock(folder: pathlib.Path, stack: contextlib.ExitStack) -> None:
+    """Wait until no other process builds this world; the lock ends with the process."""
+    file = stack.enter_context((folder.parent / f'.{folder.name}.lock').open('w'))
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        logger.warning('%s: another process builds it; waiting', folder)
+        fcntl.flock(file, fcntl.LOCK_EX)
+
+
+def _remove(folder: pathlib.Path) -> None:
+    """Remove what stands in the place of a world; who has its files open keeps them."""
+    if folder.is_dir() and not folder.is_symlink():
+        shutil.rmtree(folder, ignore_errors=True)
+    else:
+        with contextlib.suppress(OSError):
+            folder.unlink()

@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.base.files.arrays import read_array
+from lunar_rover_sim.base.errors import WorldError
+from lunar_rover_sim.base.files.arrays import read_archive
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.ground.world.cache import cache_folder
 
 logger = logging.getLogger(__name__)
+
+_MAX_BYTES = 1 << 30
 
 
 def kept(name: str, recipe: Any, make: Callable[[], NDArray[Any]]) -> NDArray[Any]:
@@ -24,22 +27,23 @@ def kept(name: str, recipe: Any, make: Callable[[], NDArray[Any]]) -> NDArray[An
     Args:
         name: Of the kind of array.
         recipe: All that the array follows from, as JSON can write it, with a number that rises
-            when the computation changes. A file that cannot be read is written again; one that
-            cannot be written is logged and left out.
+            when the computation changes. A damaged file is written again; one that cannot be
+            written is logged and left out.
     """
     text = json.dumps([name, recipe], sort_keys=True)
     key = hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
-    path = cache_folder().parent / 'arrays' / f'{name}_{key}.npy'
+    path = cache_folder().parent / 'arrays' / f'{name}_{key}.npz'
     try:
-        return read_array(path)
-    except FileNotFoundError:
-        pass
-    except (OSError, ValueError, EOFError) as error:
-        logger.warning('%s: %s; computing it again', path, error)
+        array = read_archive(path, WorldError, _MAX_BYTES)['array']     # checks the sums of zip
+        array.setflags(write=True)
+        return array
+    except (WorldError, KeyError) as error:
+        if path.exists():
+            logger.warning('%s: %s; computing it again', path, error)
     array = make()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        atomic_write(path, lambda file: np.save(file, array))
+        atomic_write(path, lambda file: np.savez(file, array=array))
     except OSError as error:
         logger.warning('%s is not kept: %s', path, error)
     return array

@@ -57,6 +57,12 @@ def content_hash(world: World) -> str:
     return digest.hexdigest()
 
 
+def _report_hash(report: Mapping[str, Any]) -> str:
+    """Return the hash of a report, which is no part of that of the content."""
+    text = json.dumps(_plain(report), sort_keys=True, default=str)
+    return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+
+
 def sealed(world: World) -> World:
     """Return the world with its hash."""
     return dataclasses.replace(world, hash=content_hash(world))
@@ -101,6 +107,7 @@ def _write(world: World, folder: pathlib.Path) -> None:
     np.savez(folder / 'shapes.npz', **meshes)  # type: ignore[arg-type]
     document = {'format': FORMAT, 'recipe': RECIPE, 'hash': world.hash,
                 'cells_m': [g.cell_m for g in world.levels],
+                'report_hash': _report_hash(world.report),
                 'report': _plain(world.report), 'world': world.config.to_mapping()}
     text = ('# Made by lunar_rover_sim. Heights are float32 [m], row 0 south, column 0 west.\n'
             + yaml_of(document))
@@ -123,7 +130,7 @@ def load_world(folder: str | pathlib.Path, verify: bool = True) -> World:
     """Return the world in a folder; heights and albedo are mapped, not copied.
 
     Args:
-        verify: Compare the content with its hash (about 0.1 s for the default world).
+        verify: Compare content and report with their hashes (about 0.1 s for the default world).
 
     Raises:
         WorldError: If the folder is not a world, is damaged, or of another format.
@@ -160,6 +167,9 @@ def load_world(folder: str | pathlib.Path, verify: bool = True) -> World:
     if verify and content_hash(world) != world.hash:
         raise WorldError(f'{folder}: the content does not match its hash {world.hash}; it was '
                          'changed or damaged: build it again')
+    if verify and document.get('report_hash') not in (None, _report_hash(world.report)):
+        raise WorldError(f'{folder}/world.yaml: the report does not match its hash; it was changed '
+                         'or damaged: build it again')
     return world
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.base.errors import LunarRoverSimError
-from lunar_rover_sim.base.files.arrays import map_array, read_archive, read_array
+from lunar_rover_sim.base.files.arrays import map_array, read_archive
 
 
 @pytest.fixture
@@ -36,7 +36,6 @@ def test_threads_that_read_at_once(tmp_path: Path) -> None:
 
     def read(_: int) -> None:
         for _ in range(100):
-            np.testing.assert_array_equal(read_array(array), expected)
             np.testing.assert_array_equal(map_array(array, LunarRoverSimError), expected)
             arrays = read_archive(archive, LunarRoverSimError, 1000)
             np.testing.assert_array_equal(arrays['a'], expected)

@@ -3,8 +3,10 @@
 import dataclasses
 import errno
 import os
+import shutil
 import subprocess
 import sys
+import time
 import zipfile
 
 import numpy as np
@@ -208,9 +210,6 @@ def test_cache(tmp_path, monkeypatch):
     assert first.parent == tmp_path / 'cache' / 'worlds'
     # The scenario's seed and the recipe's own are the same thing.
     assert cache.cached(WorldConfig.from_mapping({**TINY, 'seed': 7}), 1) == first
-    # A damaged entry is built anew.
-    (first / 'height_0.npy').unlink()
-    assert world_folder.load_world(cache.cached(config, 7)).config.seed == 7
 
 
 def test_cache_that_cannot_be_written(tmp_path, monkeypatch):
@@ -229,19 +228,67 @@ def test_cache_notices_a_changed_source(tmp_path):
     assert cache.cache_key(config, 1) != before
 
 
-def test_two_processes_build_the_same_world_at_once(tmp_path):
-    program = ('from lunar_rover_sim.ground.world import cache, world_folder\n'
+def test_a_damaged_entry_heals_whichever_file_it_is(tmp_path, monkeypatch, caplog):
+    """A bit, the end, or all of each file; a text in the report; and a file in place of all."""
+    monkeypatch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path / 'cache'))
+    config = WorldConfig.from_mapping(TINY)
+    folder = cache.cached(config, 7)
+    whole = {path.name: path.read_bytes() for path in folder.iterdir()}
+
+    def heals():
+        caplog.clear()
+        assert cache.cached(config, 7) == folder
+        assert 'building it again' in caplog.text
+        world = world_folder.load_world(folder)
+        assert world.hash == world_folder.content_hash(world)
+        assert {path.name for path in folder.iterdir()} == set(whole)
+        assert [path.name for path in folder.parent.iterdir() if '.lock' not in path.name
+                ] == [folder.name]
+    for name, content in whole.items():
+        middle = len(content) // 2
+        for damage in (None, content[:middle],
+                       content[:middle] + bytes([content[middle] ^ 4]) + content[middle + 1:]):
+            path = folder / name
+            path.unlink()
+            if damage is not None:
+                path.write_bytes(damage)
+            heals()
+    text = (folder / 'world.yaml').read_text()
+    (folder / 'world.yaml').write_text(text.replace('report:', 'report:\n  lon_deg: 1.5', 1)
+                                       .replace('report:\n  lon_deg: 1.5 {}', 'report: {a: 1}'))
+    heals()
+    shutil.rmtree(folder)
+    folder.write_text('a file')
+    heals()
+
+
+def builder(tmp_path, first=''):
+    program = (f'{first}\n'
+               'from lunar_rover_sim.ground.world import cache, world_folder\n'
                'from lunar_rover_sim.ground.world.config import WorldConfig\n'
                f'config = WorldConfig.from_mapping({TINY!r})\n'
                'print(world_folder.load_world(cache.cached(config, 3)).hash)')
     environment = {**os.environ, 'LUNAR_ROVER_SIM_CACHE': str(tmp_path),
                    'PYTHONPATH': os.pathsep.join(sys.path)}
-    running = [subprocess.Popen([sys.executable, '-c', program], env=environment, text=True,
-                                stdout=subprocess.PIPE) for _ in range(2)]
+    return subprocess.Popen([sys.executable, '-c', program], env=environment, text=True,
+                            stdout=subprocess.PIPE)
+
+
+def test_a_builder_that_is_killed_while_it_writes_and_two_at_once(tmp_path):
+    """What the first leaves goes; the others make one world, whole."""
+    killed = builder(tmp_path, 'import numpy, time\nnumpy.savez = lambda *a, **b: time.sleep(99)')
+    while not list((tmp_path / 'worlds').glob('.*.partial/*/albedo.npy')):
+        assert killed.poll() is None
+        time.sleep(0.01)
+    killed.kill()
+    killed.communicate()
+    running = [builder(tmp_path) for _ in range(2)]
     hashes = {process.communicate(timeout=LIMIT_S)[0].strip() for process in running}
     assert [process.returncode for process in running] == [0, 0]
     assert hashes == {worlds.world(3, **TINY).hash}
-    assert len(list((tmp_path / 'worlds').iterdir())) == 1
+    folder, lock = sorted((path.name for path in (tmp_path / 'worlds').iterdir()),
+                          key=lambda name: name.endswith('.lock'))
+    assert lock == f'.{folder}.lock'
 
 
 @pytest.fixture
@@ -273,6 +320,10 @@ def test_a_damaged_file_is_written_again(calls, tmp_path, caplog):
     assert 'computing it again' in caplog.text
     computed(calls, 2)
     assert calls == [2, 2]
+    content = bytearray(file.read_bytes())
+    content[content.index(np.float32(10.0).tobytes())] ^= 1
+    file.write_bytes(content)
+    assert computed(calls, 2)[1, 2] == 10.0 and calls == [2, 2, 2]
 
 
 def test_a_file_that_would_run_code_is_written_again(calls, tmp_path):
@@ -283,7 +334,7 @@ def test_a_file_that_would_run_code_is_written_again(calls, tmp_path):
 
     computed(calls, 2)
     file, = (tmp_path / 'cache' / 'arrays').iterdir()
-    np.save(file, np.array([Trap()], dtype=object), allow_pickle=True)
+    np.savez(file, array=np.array([Trap()], dtype=object))
     assert computed(calls, 2)[1, 2] == 10.0
     assert calls == [2, 2] and not (tmp_path / 'trapped').exists()
 
