@@ -130,7 +130,7 @@ def load_world(folder: str | pathlib.Path, verify: bool = True) -> World:
     """Return the world in a folder; heights and albedo are mapped, not copied.
 
     Args:
-        verify: Compare content and report with their hashes (about 0.1 s for the default world).
+        verify: Compare content and report with their hashes (0.1 s for the default world).
 
     Raises:
         WorldError: If the folder is not a world, is damaged, or of another format.
