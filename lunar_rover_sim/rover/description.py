@@ -175,24 +175,22 @@ class Motor(Parameters):
     84:1 planetary gear: 13.1 rad/s and at most 1.3 N m at the leg.
     """
 
-    supply_voltage_v: float = param(12.0, 'voltage of the supply', unit='V', low=0.0,
-                                    open_low=True)
+    supply_voltage_v: float = param(12.0, 'voltage of the supply', unit='V', low=0.1, high=1000.0)
     stall_torque_nm: float = param(0.042, 'stall torque of the bare motor at the supply voltage',
-                                   unit='N m', low=0.0, open_low=True)
+                                   unit='N m', low=1e-6, high=1000.0)
     no_load_speed_radps: float = param(1100.0, 'no-load speed of the bare motor at the supply'
-                                       ' voltage', unit='rad/s', low=0.0, open_low=True)
-    gear_ratio: float = param(84.0, 'turns of the motor per turn of the leg', low=0.0,
-                              open_low=True)
+                                       ' voltage', unit='rad/s', low=0.1, high=1e5)
+    gear_ratio: float = param(84.0, 'turns of the motor per turn of the leg', low=0.01, high=1e5)
     rotor_inertia_kgm2: float = param(1.2e-7, 'inertia of rotor and first gear stage',
-                                      unit='kg m^2', low=0.0, open_low=True)
-    current_limit_a: float = param(1.4, 'current limit of the driver', unit='A', low=0.0,
-                                   open_low=True)
+                                      unit='kg m^2', low=1e-12, high=1.0)
+    current_limit_a: float = param(1.4, 'current limit of the driver', unit='A', low=1e-3,
+                                   high=1e4)
     coulomb_friction_nm: float = param(0.03, 'dry friction of the gear, at the leg', unit='N m',
-                                       low=0.0)
+                                       low=0.0, high=1e4)
     viscous_friction_nms: float = param(0.002, 'viscous friction of the gear, at the leg',
-                                        unit='N m s/rad', low=0.0)
+                                        unit='N m s/rad', low=0.0, high=1e4)
     velocity_gain_nms: float = param(1.0, 'gain of the velocity loop, at the leg',
-                                     unit='N m s/rad', low=0.0, open_low=True)
+                                     unit='N m s/rad', low=1e-4, high=1e6)
 
     @property
     def motor_constant(self) -> float:
@@ -240,7 +238,7 @@ class StereoMount(Parameters):
     pitch_deg: float = param(10.0, 'downward tilt of the optical axes', unit='deg', low=-90.0,
                              high=90.0)
     baseline_m: float = param(0.10, 'distance between the lenses', unit='m', low=0.0,
-                              open_low=True)
+                              open_low=True, high=MAX_LENGTH_M)
 
 
 @dataclasses.dataclass(frozen=True)

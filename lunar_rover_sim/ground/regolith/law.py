@@ -274,6 +274,16 @@ def _rotation(w: float, x: float, y: float, z: float) -> np.ndarray:
 
 
 @compiled
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return a @ b of (3, 3) matrices; `@` would be BLAS, which rounds by the processor."""
+    result = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            result[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+    return result
+
+
+@compiled
 def place_tips(qpos: np.ndarray, qvel: np.ndarray, legs: np.ndarray, tips: np.ndarray) -> None:
     """Write centre, velocity and rod of each tip for MuJoCo's positions and velocities.
 
@@ -300,7 +310,7 @@ def place_tips(qpos: np.ndarray, qvel: np.ndarray, legs: np.ndarray, tips: np.nd
             sine = math.sin(half)
             turned = _rotation(math.cos(half), arm.axis[0] * sine, arm.axis[1] * sine,
                                arm.axis[2] * sine)
-            M = R @ arm.attitude @ turned
+            M = _product(_product(R, arm.attitude), turned)
             ax = R[0, 0] * arm.axle[0] + R[0, 1] * arm.axle[1] + R[0, 2] * arm.axle[2]
             ay = R[1, 0] * arm.axle[0] + R[1, 1] * arm.axle[1] + R[1, 2] * arm.axle[2]
             az = R[2, 0] * arm.axle[0] + R[2, 1] * arm.axle[1] + R[2, 2] * arm.axle[2]

@@ -1,8 +1,7 @@
 """Loose soil of a world: rims and ejecta of fresh craters, and slopes.
 
-Houston et al. (1974, from memory) found, by the depth of bootprints, the soil of crater rims more
-porous than that between craters, and of slopes too. How much looser is a choice: the most is
-what the preset `highland_loose` is beside `highland`. Ejecta thin out as (r / R)^-3 beyond the
+That the soil is looser there is a choice, and so is by how much: the most is what the preset
+`highland_loose` is beside `highland`. Ejecta thin out as (r / R)^-3 beyond the
 rim (McGetchin et al. 1973), and a crater counts as fresh up to half of its lifetime.
 """
 

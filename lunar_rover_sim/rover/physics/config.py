@@ -26,16 +26,17 @@ class ContactConfig(Parameters):
         ' ground.model regolith have ground.friction instead', low=0.0, high=3.0, open_low=True)
     torsional_friction_m: float = param(
         0.004, 'torque about the normal per normal force: two thirds of the radius of the contact'
-        ' patch', unit='m', low=0.0, open_low=True)
+        ' patch', unit='m', low=0.0, open_low=True, high=1.0)
     rolling_friction_m: float = param(
-        0.0005, 'torque against rolling per normal force', unit='m', low=0.0, open_low=True)
+        0.0005, 'torque against rolling per normal force', unit='m', low=0.0, open_low=True,
+        high=1.0)
     stiffness_npm: float = param(2000.0, 'normal force per penetration of one contact point',
-                                 unit='N/m', low=0.0, open_low=True)
+                                 unit='N/m', low=1e-3, high=1e9)
     damping_nspm: float = param(60.0, 'normal force per penetration rate of one contact point',
-                                unit='N s/m', low=0.0, open_low=True)
+                                unit='N s/m', low=1e-3, high=1e9)
     shear_damping_nspm: float = param(
-        30000.0, 'tangential force per creep rate inside the friction cone', unit='N s/m', low=0.0,
-        open_low=True)
+        30000.0, 'tangential force per creep rate inside the friction cone', unit='N s/m',
+        low=1e-3, high=1e12)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -23,7 +23,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.base.frames import Array, matrix_from_wxyz
+from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, rotated
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.physics.state import RoverState
@@ -68,18 +68,19 @@ class FootObserver:
         angle = state.joint_angle_rad[:, None] + self._spokes
         tips = self._axles[:, None] + self._to_tip_m * np.stack(
             [-np.sin(angle), np.zeros_like(angle), -np.cos(angle)], axis=-1)
-        tips = tips @ R_world_base.T + state.position_m
+        tips = rotated(R_world_base, tips) + state.position_m
         foot = np.array([min(leg, key=self._height) for leg in tips.tolist()])
         normal = np.array([self._normal(x, y) for x, y, _ in foot.tolist()])
         # From base_link to axle and to the point on the ground, world axes.
-        to_axle = self._axles @ R_world_base.T
+        to_axle = rotated(R_world_base, self._axles)
         to_ground = foot - self._radius_m * normal - state.position_m
         axis = R_world_base[:, 1]
-        rate = R_world_base @ state.angular_velocity_radps
+        rate = rotated(R_world_base, state.angular_velocity_radps)
         past_axle = np.cross(rate + state.joint_velocity_radps[:, None] * axis,
                              to_ground - to_axle)
-        axle = R_world_base @ state.linear_velocity_mps + np.cross(rate, to_axle)
-        ahead = R_world_base[:, 0] - normal * (normal @ R_world_base[:, 0])[:, None]
+        axle = rotated(R_world_base, state.linear_velocity_mps) + np.cross(rate, to_axle)
+        along = np.sum(normal * R_world_base[:, 0], axis=1)
+        ahead = R_world_base[:, 0] - normal * along[:, None]
         ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
         loaded = np.linalg.norm(state.contact_force_n, axis=1) > self._least_n
         axle_mps = np.sum(axle * ahead, axis=1)

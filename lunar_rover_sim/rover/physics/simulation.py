@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import dataclasses
 import logging
+import math
 import numbers
 import re
 
@@ -15,7 +16,8 @@ from numpy.typing import ArrayLike
 from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.closing import Closing
 from lunar_rover_sim.base.errors import ConfigError, one_line, PhysicsError
-from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, tilt_deg, wxyz_from_matrix
+from lunar_rover_sim.base.frames import (Array, matrix_from_wxyz, rotated, tilt_deg,
+                                         wxyz_from_matrix)
 from lunar_rover_sim.ground.regolith.looseness import soil_map
 from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.ground.world.grid import HeightGrid
@@ -229,7 +231,7 @@ class Simulation(Closing):
         quat = self._qpos[3:7].copy()
         self._state = dataclasses.replace(
             self._state, position_m=self._qpos[:3].copy(), orientation_wxyz=quat,
-            linear_velocity_mps=self._qvel[:3] @ matrix_from_wxyz(quat),
+            linear_velocity_mps=rotated(matrix_from_wxyz(quat).T, self._qvel[:3]),
             angular_velocity_radps=self._qvel[3:6].copy())
         return self._state
 
@@ -414,16 +416,25 @@ _DISC = np.concatenate([np.zeros((1, 2)), np.stack([np.cos(_ANGLES), np.sin(_ANG
 
 
 def _level_rotation(ground: HeightGrid, rover: RoverDescription, start: StartPose) -> Array:
-    """Return R_world_base whose z axis is the normal of the plane through the footholds."""
-    yaw = np.radians(start.yaw_deg)
-    forward = np.array([np.cos(yaw), np.sin(yaw)])
-    left = np.array([-forward[1], forward[0]])
-    feet = np.array(rover.legs.axle_positions_m())
-    xy = np.array([start.x_m, start.y_m]) + feet[:, :1] * forward + feet[:, 1:2] * left
-    basis = np.column_stack([feet[:, :2], np.ones(len(feet))])
-    slope_x, slope_y, _ = np.linalg.lstsq(basis, ground.height_at(xy), rcond=None)[0]
-    x_axis = np.append(forward, slope_x)
-    x_axis /= np.linalg.norm(x_axis)
-    z_axis = np.cross(x_axis, np.append(left, slope_y))
-    z_axis /= np.linalg.norm(z_axis)
+    """Return R_world_base whose z axis is the normal of the plane through the footholds.
+
+    The plane is that of least squares. Sums of plain numbers round alike on every processor.
+    """
+    yaw = math.radians(start.yaw_deg)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    feet = [position[:2] for position in rover.legs.axle_positions_m()]
+    heights = [ground.height_at_point(start.x_m + x * cos - y * sin, start.y_m + x * sin + y * cos)
+               for x, y in feet]
+    mid_x, mid_y, mid_z = (sum(values) / len(feet) for values in (*zip(*feet), heights))
+    xx = xy = yy = xz = yz = 0.0
+    for (x, y), z in zip(feet, heights):
+        x, y, z = x - mid_x, y - mid_y, z - mid_z
+        xx, xy, yy, xz, yz = xx + x * x, xy + x * y, yy + y * y, xz + x * z, yz + y * z
+    area = xx * yy - xy * xy        # > 0: the centre of mass is between the axles
+    slope_x, slope_y = (xz * yy - yz * xy) / area, (yz * xx - xz * xy) / area
+    # The heading along the plane, and its cross product with what is to the left of it.
+    along = math.sqrt(1.0 + slope_x * slope_x)
+    x_axis = np.array([cos / along, sin / along, slope_x / along])
+    z_axis = np.cross(x_axis, [-sin, cos, slope_y])
+    z_axis /= math.sqrt(sum(v * v for v in z_axis.tolist()))
     return np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis])
