@@ -1,6 +1,8 @@
 """A share of `portability.py`: the same tests pass as on a processor of 2008."""
 
 import os
+import subprocess
+import sys
 
 import numpy as np
 from portability import outcome, PARTS, run, switches, TEST
@@ -23,6 +25,45 @@ def test_code_of_another_vector_width_is_not_drawn_with(tmp_path):
     for width in ({}, {'LP_NATIVE_VECTOR_WIDTH': '128'}):
         found, said = run(test, {'MESA_SHADER_CACHE_DIR': str(tmp_path), **width}, [], 200.0)
         assert found == '1', said
+
+
+def test_a_drive_is_the_same_bit_by_bit_on_other_processors(tmp_path):
+    """On ground that gives, from a slope, with a noisy IMU: whatever BLAS, NumPy and Numba choose.
+
+    Not so where the C library has no FMA, for which it has another sine.
+    """
+    program = """
+import hashlib, sys
+import numpy as np
+sys.path.insert(0, sys.argv[1])
+import physics_scene
+from lunar_rover_sim.ground.regolith.config import GroundConfig
+from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.rover.physics.simulation import Simulation
+from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
+said = hashlib.sha256()
+imu = ImuNoise(ImuConfig(), 200.0, np.random.default_rng(3))
+world = physics_scene.make_world(physics_scene.rough_heights())
+config = PhysicsConfig(ground=GroundConfig(model='regolith'), start=StartPose(yaw_deg=33.0))
+def observe(state):
+    sample = imu.measure(state.specific_force_mps2, state.imu_rate_radps)
+    foot = simulation.foot_motion
+    for values in (*vars(state).values(), sample.specific_force, sample.rate,
+                   foot.sweep_mps, foot.slip_mps):
+        said.update(np.asarray(values).tobytes())
+with Simulation(world, physics_scene.ROVER, config) as simulation:
+    physics_scene.trot(simulation, 1.0, observe=observe)
+print(said.hexdigest())
+"""
+    known = switches()
+    ways = [{}, {'OPENBLAS_CORETYPE': 'Haswell'}, known['OpenBLAS of Nehalem'],
+            {**known['OpenBLAS of Nehalem'], **known['Numba generic'],
+             **known['NumPy without AVX2']}]
+    found = [subprocess.run([sys.executable, '-c', program, str(TEST)], capture_output=True,
+                            text=True, check=True, env={
+                                **os.environ, 'PYTHONPATH': os.pathsep.join(sys.path), **way}
+                            ).stdout for way in ways]
+    assert len(found[0].strip()) == 64 and len(set(found)) == 1
 
 
 def test_what_is_switched_off_is_there():

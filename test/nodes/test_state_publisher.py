@@ -181,11 +181,13 @@ def test_refilled_messages_equal_new_ones() -> None:
                                                  stamp),
         topics.IMU_TRUTH: conversions.fill_imu_truth(Imu(), second, imu_wxyz, stamp),
         topics.IMU_BIAS: conversions.fill_imu_bias(AccelStamped(), sample, stamp),
-        **{topic: conversions.fill_wrench(WrenchStamped(), second.contact_force_n[k] @ R,
-                                          second.contact_torque_nm[k] @ R, f'{leg}_link', stamp)
+        **{topic: conversions.fill_wrench(WrenchStamped(), frames.rotated(R.T, second.contact_force_n[k]),
+                                          frames.rotated(R.T, second.contact_torque_nm[k]),
+                                          f'{leg}_link', stamp)
            for k, (leg, topic) in enumerate(zip(
                Legs().names, topics.of_legs([topics.CONTACT], Legs().names)))
-           for R in [frames.matrix_from_wxyz(second.orientation_wxyz) @ links[leg][:3, :3]]}}
+           for R in [frames.rotated(links[leg][:3, :3].T,
+                                    frames.matrix_from_wxyz(second.orientation_wxyz))]}}
     for topic, message in expected.items():
         # As sent: a message that is refilled is serialised before the next one.
         sent = deserialize_message(node.sent[topic.graph_name][1], type(message))
