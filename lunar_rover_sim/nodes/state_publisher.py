@@ -101,10 +101,10 @@ class StatePublisher:
         conversions.fill_imu_bias(messages[topics.IMU_BIAS.name], sample, stamp)
         R_world_base = frames.matrix_from_wxyz(state.orientation_wxyz)
         for k, (leg, topic) in enumerate(zip(self._rover.legs.names, self._contacts)):
-            R_world_leg = frames.rotated(links[leg][:3, :3].T, R_world_base)
-            conversions.fill_wrench(messages[topic.name], frames.rotated(R_world_leg.T, state.contact_force_n[k]),
-                                    frames.rotated(R_world_leg.T, state.contact_torque_nm[k]),
-                                    topic.frame_id, stamp)
+            R_leg_world = frames.rotated(links[leg][:3, :3].T, R_world_base).T
+            force, torque = (frames.rotated(R_leg_world, vectors[k]) for vectors in (
+                state.contact_force_n, state.contact_torque_nm))
+            conversions.fill_wrench(messages[topic.name], force, torque, topic.frame_id, stamp)
         if self._config.publish_clock:
             messages[topics.CLOCK.name].clock = stamp
 

@@ -193,7 +193,8 @@ class ImuNoise:
         draws = self._rng.standard_normal(12)
         bias = self._bias
         self._bias = bias + self._walk * draws[6:]
-        measured = self._limited((self._mixing * true).sum(axis=1) + bias + self._white * draws[:6])
+        measured = (self._mixing * true).sum(axis=1) + bias + self._white * draws[:6]
+        measured = self._limited(measured)
         return ImuSample(measured[:3], measured[3:], bias[:3], bias[3:])
 
     def measure_many(self, specific_force: ArrayLike, rate: ArrayLike) -> ImuSample:

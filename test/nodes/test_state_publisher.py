@@ -181,7 +181,8 @@ def test_refilled_messages_equal_new_ones() -> None:
                                                  stamp),
         topics.IMU_TRUTH: conversions.fill_imu_truth(Imu(), second, imu_wxyz, stamp),
         topics.IMU_BIAS: conversions.fill_imu_bias(AccelStamped(), sample, stamp),
-        **{topic: conversions.fill_wrench(WrenchStamped(), frames.rotated(R.T, second.contact_force_n[k]),
+        **{topic: conversions.fill_wrench(WrenchStamped(),
+                                          frames.rotated(R.T, second.contact_force_n[k]),
                                           frames.rotated(R.T, second.contact_torque_nm[k]),
                                           f'{leg}_link', stamp)
            for k, (leg, topic) in enumerate(zip(

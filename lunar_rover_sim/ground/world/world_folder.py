@@ -168,8 +168,8 @@ def load_world(folder: str | pathlib.Path, verify: bool = True) -> World:
         raise WorldError(f'{folder}: the content does not match its hash {world.hash}; it was '
                          'changed or damaged: build it again')
     if verify and document.get('report_hash') not in (None, _report_hash(world.report)):
-        raise WorldError(f'{folder}/world.yaml: the report does not match its hash; it was changed '
-                         'or damaged: build it again')
+        raise WorldError(f'{folder}/world.yaml: the report does not match its hash; it was '
+                         'changed or damaged: build it again')
     return world
 
 
