@@ -29,12 +29,12 @@ def prose(page: Path) -> list[str]:
 
 
 def test_length() -> None:
-    """The documentation is one that is read: about 38,000 words, of measurements 8,000."""
+    """The documentation is one that is read: about 38,000 words, of measurements 9,000."""
     words = {page: len(page.read_text(encoding='utf-8').split()) for page in PAGES
              if page.parent != ROOT}
     assert sum(words.values()) <= 38_000
     assert sum(count for page, count in words.items()
-               if page.parent.name == 'measurements') <= 8_000
+               if page.parent.name == 'measurements') <= 9_000
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
