@@ -79,8 +79,6 @@ COMMANDS = {
                            'scenario'),
     'slam table': Entry('slam:table', 'one table of the parts of a benchmark that ran on several '
                         'machines'),
-    'slam train-vocabulary': Entry('slam:train_vocabulary', 'train the vocabulary of ORB-SLAM2 '
-                                   'and ORB-SLAM3 on images'),
     'validate imu': Entry('validate_imu:imu', 'Allan deviation of the IMU at rest against its '
                           'configured noise'),
     'validate learning': Entry('validate_learning:learning', 'policies against the packaged gait '

@@ -25,14 +25,10 @@ from lunar_rover_sim.judge.slam.drives import join
 from lunar_rover_sim.judge.slam.estimators import Estimator, stock_program, SYSTEMS
 from lunar_rover_sim.judge.slam.run_on_bag import ESTIMATE, run_on_bag
 from lunar_rover_sim.judge.slam.table import Paper, read_paper
-from lunar_rover_sim.judge.slam.vocabulary import descriptors, open_sets, train
 from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS
 from lunar_rover_sim.products.sequences.orbslam3_settings import settings as settings_text
 from lunar_rover_sim.products.sequences.sensors import described_sensors, recorded_sensors
 from lunar_rover_sim.run.scenario import Scenario
-
-_DESCRIPTORS_PER_WORD = 3      # fewer, and most leaves of the tree hold one
-
 
 _sensor = click.option('--sensor', type=options.Choice(SENSORS), default='stereo',
                        help='input of the program')
@@ -162,43 +158,6 @@ def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool, 
         raise SlamError(f'no trajectory to judge; the log is in {output}')
     say(f'done: ATE {result.ate_m:.4f} m, {result.ate_percent:.2f} % of '
         f'{result.distance_m:.2f} m; figure: {output / TOP_VIEW}')
-    return 0
-
-
-@options.command()
-@options.argument('images', 'a bag, a run, a sequence, or a folder of pictures', nargs=-1,
-                  required=True, type=options.PATH, metavar='IMAGES...')
-@_file
-@click.option('--branching', type=int, default=10, metavar='K',
-              help='clusters of a node, 2 to 20')
-@click.option('--levels', type=int, default=6, metavar='L', help='how often clusters are divided, '
-              '1 to 10; ORB-SLAM compares features within clusters of level L - 4')
-@click.option('--features', type=int, default=1000, metavar='N', help='keypoints per image')
-@click.option('--frames', type=int, default=500, metavar='N',
-              help='most images of each of IMAGES, evenly over it')
-@options.seed(1, 'seed of the clusters')
-def train_vocabulary(images: Sequence[Path], output: Path, branching: int, levels: int,
-                     features: int, frames: int, seed: int) -> int:
-    """Train a vocabulary of ORB descriptors.
-
-    In the text format of DBoW2, as ORB-SLAM2 and ORB-SLAM3 read it, on the left images of bags,
-    sequences, or folders of pictures.
-    """
-    sets = open_sets(images, frames)
-    with Progress('reading images', sum(found.total for found in sets), 'images') as progress:
-        described = []
-        for one in descriptors(sets, features):
-            described.append(one)
-            progress.advance()
-        progress.start('clustering', 1.0, '%')
-        vocabulary = train(described, branching, levels, seed, progress)
-    options.refuse_existing(output, option=False)
-    atomic_write(output, vocabulary.text(), SlamError)
-    words, count = int(vocabulary.is_word.sum()), sum(map(len, described))
-    say(f'{output}: {words} words of {count} descriptors of {len(described)} images')
-    if count < _DESCRIPTORS_PER_WORD * words:
-        say('note: a word needs a few descriptors to mean something; give more images, or fewer '
-            f'--levels than {levels}')
     return 0
 
 

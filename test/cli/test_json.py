@@ -40,7 +40,7 @@ WITHOUT = {
     'what it makes are files': (
         'bag preview', 'bag video', 'bag recover', 'bag export', 'dataset card', 'dataset shards',
         'demo', 'render', 'rover export', 'run', 'slam settings',
-        'slam train-vocabulary', 'world build', 'world export', 'world preview',
+        'world build', 'world export', 'world preview',
         'calibrate gait'),
     'what it finds is a CSV, JSON or Markdown file': (
         'benchmark', 'campaign', 'slam table', 'evaluate images', 'validate learning',

@@ -18,13 +18,13 @@ WORDS = {
     'evaluate map': ['bag'], 'validate navigation': [],
     'evaluate trajectory': ['a.txt', 'b.txt'], 'render': ['flat'], 'rover export': [],
     'run': ['flat'], 'slam settings': ['flat'], 'slam run': ['bag'],
-    'slam table': ['part'], 'slam train-vocabulary': ['images'], 'validate imu': [],
+    'slam table': ['part'], 'validate imu': [],
     'validate learning': [], 'validate locomotion': [], 'validate stereo': ['flat'],
     'validate terramechanics': [], 'validate traverse': [], 'world build': [],
     'world export': ['world'],
     'world preview': ['world'], 'world sun': ['0', '-89']}
 OF_FILES = {'bag video': '.mp4', 'calibrate gait': '.yaml',
-            'rover export': '.urdf', 'slam settings': '.yaml', 'slam train-vocabulary': '.txt',
+            'rover export': '.urdf', 'slam settings': '.yaml',
             'validate imu': '.png', 'world export': '.glb', 'world preview': '.png',
             'world sun': '.png'}
 # Inputs of the wrong kind: {folder} is empty, {file} is a text, {device} a link to one, {none}
@@ -48,7 +48,6 @@ INPUTS = [
     'run flat --world {none} -o {new}',
     'slam settings {folder} -o {new}', 'slam run {folder} -o {new}', 'slam run {file} -o {new}',
     'slam table {folder} -o {new}', 'slam table {file} -o {new}', 'slam table {none} -o {new}',
-    'slam train-vocabulary {file} -o {new}.txt', 'slam train-vocabulary {folder} -o {new}.txt',
     'validate imu --set {folder} -o {new}.png', 'validate stereo {folder} -o {new}',
     'validate locomotion --overlay {folder} -o {new}', 'validate traverse {folder} -o {new}',
     'validate policy {file}', 'validate policy {folder}', 'validate policy {none}.onnx',

@@ -1,4 +1,6 @@
-"""Vocabularies of binary words, by which SLAM programs recognise a place they have seen.
+"""Trains a vocabulary of binary words, by which SLAM programs recognise a place they have seen.
+
+    python examples/slam/train_vocabulary.py runs/words/bag -o lunar_voc.txt --levels 5
 
 Descriptors of many images are divided into k clusters, each of these again, L times (Nister and
 Stewenius, CVPR 2006; with binary descriptors Galvez-Lopez and Tardos, IEEE T-RO 28 (5), 2012).
@@ -9,17 +11,19 @@ ORB-SLAM2 and ORB-SLAM3 read it.
 
 from __future__ import annotations
 
+import argparse
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-import dataclasses
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.base.errors import SlamError
-from lunar_rover_sim.judge.evaluation.image_layouts import ImageSet, open_images
+from lunar_rover_sim.base.errors import LunarRoverSimError, SlamError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.judge.evaluation.image_layouts import open_images
 
 BYTES = 32              # of an ORB descriptor
 _MOST_FITTED = 1 << 16  # rows that centres are fitted to; all rows are then assigned
@@ -32,8 +36,7 @@ Indices = NDArray[np.int64]
 Bits = NDArray[np.float32]
 
 
-@dataclasses.dataclass(frozen=True)
-class Vocabulary:
+class Vocabulary(NamedTuple):
     """A tree of n nodes without its root; parents come before their children.
 
     Attributes:
@@ -63,8 +66,8 @@ class Vocabulary:
         return '\n'.join(lines)
 
 
-def train(images: Sequence[Bytes], branching: int = 10, levels: int = 6, seed: int = 0,
-          step: Callable[[float], None] = lambda _share: None) -> Vocabulary:
+def train(images: Sequence[Bytes], branching: int = 10, levels: int = 6,
+          seed: int = 0) -> Vocabulary:
     """Return a vocabulary of the descriptors of images.
 
     Clusters are fitted by k-majority in Hamming distance from a k-means++ start (Arthur and
@@ -74,7 +77,6 @@ def train(images: Sequence[Bytes], branching: int = 10, levels: int = 6, seed: i
     Args:
         images: (n, 32) descriptors of each image.
         branching, levels: Clusters of a node, and how often they are divided.
-        step: Called with the share of the work that is done.
 
     Raises:
         SlamError: If an argument is not valid or the images have too little to tell.
@@ -92,7 +94,6 @@ def train(images: Sequence[Bytes], branching: int = 10, levels: int = 6, seed: i
     word_of = np.zeros(len(rows), np.int64)
     # The root first; breadth first, so that parents come before their children.
     waiting = deque([(0, np.arange(len(rows)), 0)])
-    done = 0
     while waiting:
         node, members, level = waiting.popleft()
         found = np.zeros((0, BYTES), np.uint8)
@@ -104,8 +105,6 @@ def train(images: Sequence[Bytes], branching: int = 10, levels: int = 6, seed: i
                                 'are not enough; valid are images with several features')
             words.append(node)
             word_of[members] = node
-            done += len(members)
-            step(done / len(rows))
             continue
         # Members in the order of their clusters: cut, rather than searched for each of them.
         order = np.argsort(cluster_of, kind='stable')
@@ -179,41 +178,47 @@ def _bits(rows: Bytes) -> Bits:
     return np.unpackbits(rows, axis=1).astype(np.float32)
 
 
+_DESCRIPTORS_PER_WORD = 3      # fewer, and most leaves of the tree hold one
 # Of ORB-SLAM3: scale and number of its pyramid, size of a patch, lower threshold of FAST.
 _SCALE, _LEVELS, _PATCH_PX, _FAST = 1.2, 8, 31, 7
 
 
-def open_sets(paths: Iterable[Path], frames: int) -> list[ImageSet]:
-    """Return the sets of images at some paths, of which at most `frames` each are read.
-
-    Raises:
-        SlamError: If there is none or the number is not valid.
-        EvaluationError, BagError: Where a path holds no images.
-    """
-    if frames < 1:
-        raise SlamError(f'frames: {frames} is not valid; valid is >= 1')
-    sets = [found._replace(total=min(frames, found.total)) for found in map(open_images, paths)]
-    if not sets:
-        raise SlamError('there are no images; name bags or folders of pictures')
-    return sets
-
-
-def descriptors(sets: Iterable[ImageSet],
-                features: int) -> Iterator[NDArray[np.uint8]]:
-    """Yield the (n, 32) descriptors of each left image, evenly over the sets.
-
-    Args:
-        features: Most keypoints an image.
-
-    Raises:
-        SlamError: If that number is not valid.
-    """
-    if not 1 <= features <= 100_000:
-        raise SlamError(f'features: {features} is not valid; valid is 1 to 100000')
+def descriptors(images: Path, features: int, frames: int) -> Iterator[Bytes]:
+    """Yield the (n, 32) descriptors of each left image of a set, evenly over it."""
     orb = cv2.ORB.create(features, _SCALE, _LEVELS, patchSize=_PATCH_PX, fastThreshold=_FAST)
-    for images in sets:
-        for pair in images.read(images.total):
-            # Grey levels are the root of the signal, which is what cameras give to a tracker.
-            pixels = np.rint(255.0 * pair.left).astype(np.uint8)
-            found = orb.detectAndCompute(pixels, None)[1]
-            yield np.zeros((0, BYTES), np.uint8) if found is None else np.asarray(found, np.uint8)
+    for pair in open_images(images).read(frames):
+        # Grey levels are the root of the signal, which is what cameras give to a tracker.
+        found = orb.detectAndCompute(np.rint(255.0 * pair.left).astype(np.uint8), None)[1]
+        yield np.zeros((0, BYTES), np.uint8) if found is None else np.asarray(found, np.uint8)
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Train on bags, runs, sequences and folders of pictures; write a new file."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('images', type=Path, nargs='+')
+    parser.add_argument('-o', '--output', type=Path, required=True)
+    for name, value, text in (('branching', 10, 'clusters of a node'),
+                              ('levels', 6, 'how often clusters are divided'),
+                              ('features', 1000, 'keypoints per image'),
+                              ('frames', 500, 'most images of each set'), ('seed', 1, 'clusters')):
+        parser.add_argument(f'--{name}', type=int, default=value, help=text)
+    args = parser.parse_args(words)
+    if args.output.exists():
+        parser.error(f'{args.output} exists already')
+    try:
+        rows = [one for images in args.images
+                for one in descriptors(images, args.features, args.frames)]
+        print(f'{len(rows)} images; dividing {sum(map(len, rows))} descriptors', flush=True)
+        vocabulary = train(rows, args.branching, args.levels, args.seed)
+        atomic_write(args.output, vocabulary.text(), SlamError)
+    except LunarRoverSimError as error:
+        parser.error(str(error))
+    count, total = int(vocabulary.is_word.sum()), sum(map(len, rows))
+    print(f'{args.output}: {count} words of {total} descriptors of {len(rows)} images')
+    if total < _DESCRIPTORS_PER_WORD * count:
+        print('note: a word needs a few descriptors to mean something; give more images, or fewer '
+              f'--levels than {args.levels}')
+
+
+if __name__ == '__main__':
+    main()

@@ -8,11 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 import pytest
+from snippets import module_of, ROOT
 
 from lunar_rover_sim.base.errors import SlamError
-from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.judge.slam.vocabulary import train
+from lunar_rover_sim.judge.slam.estimators import check_vocabulary
 
+EXAMPLE = module_of(ROOT / 'examples' / 'slam' / 'train_vocabulary.py')
+train = EXAMPLE.train
 Bytes = NDArray[np.uint8]
 
 
@@ -136,8 +138,8 @@ def test_what_is_not_valid() -> None:
             train(images)
 
 
-def test_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Pictures to a file; existing files, folders without pictures and bad numbers are refused."""
+def test_pictures_become_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And existing files and folders without pictures are refused."""
     rng = np.random.default_rng(6)
     (tmp_path / 'pictures').mkdir()
     for k in range(3):
@@ -145,20 +147,16 @@ def test_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         cv2.imwrite(str(tmp_path / f'pictures/{k}.png'),
                     cv2.resize(coarse, (320, 240), interpolation=cv2.INTER_NEAREST))
     file = tmp_path / 'voc.txt'
-    words = ['slam', 'train-vocabulary', str(tmp_path / 'pictures'), '-o', str(file),
-             '--levels', '2', '--frames', '2']
-    assert main(words) == 0
+    words = [str(tmp_path / 'pictures'), '-o', str(file), '--levels', '2', '--frames', '2']
+    EXAMPLE.main(words)
     read = Dbow2(file.read_text())
-    out = capsys.readouterr().out
-    assert out.startswith(f'{file}: {len(read.words)} words of ')
-    assert out.strip().endswith('descriptors of 2 images')
+    assert f'{file}: {len(read.words)} words of ' in capsys.readouterr().out
     assert 50 < len(read.words) <= 100
+    check_vocabulary(file)      # as `slam run` does
     (tmp_path / 'empty').mkdir()
     for wrong, said in ((words, 'exists already'),
-                        ([*words[:2], str(tmp_path / 'empty'), '-o', str(tmp_path / 'x')],
-                         'holds no images'),
-                        ([*words[:4], str(tmp_path / 'x'), '--features', '0'], 'features: 0'),
-                        ([*words[:4], str(tmp_path / 'x'), '--frames', '0'], 'frames: 0')):
-        assert main(wrong) == 1
-        assert said in capsys.readouterr().err
-        assert not (tmp_path / 'x').exists()
+                        ([str(tmp_path / 'empty'), '-o', str(tmp_path / 'x')],
+                         'holds no images')):
+        with pytest.raises(SystemExit):
+            EXAMPLE.main(wrong)
+        assert said in capsys.readouterr().err and not (tmp_path / 'x').exists()
