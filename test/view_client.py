@@ -31,8 +31,8 @@ def free_port() -> int:
 class Client:
     """One connection; channels by their topics, as the server has advertised them."""
 
-    def __init__(self, connection: ClientConnection) -> None:
-        self._connection = connection
+    def __init__(self, connection: ClientConnection, port: int) -> None:
+        self._connection, self.port = connection, port
         self.channels: dict[str, dict[str, Any]] = {}
         self._kept: deque[bytes] = deque()      # what came while nobody read
 
@@ -134,4 +134,4 @@ def client(port: int, host: str = '127.0.0.1', **options: Any) -> Iterator[Clien
                 raise
             time.sleep(0.1)
     with connection:
-        yield Client(connection)
+        yield Client(connection, port)

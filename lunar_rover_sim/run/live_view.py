@@ -85,6 +85,11 @@ class _Client:
             self._messages.append(data)
             self._changed.notify()
 
+    def forget(self) -> None:
+        """Send nothing of what may be dropped and still waits."""
+        with self._changed:
+            self._messages.clear()
+
     def write(self) -> None:
         """Write what waits, until `end`; runs in a thread."""
         from websockets.exceptions import ConnectionClosed
@@ -295,6 +300,8 @@ class LiveView(Closing):
             self._playback = _PLAYBACK.pack(5, not control.playing, now_ns, control.speed, False,
                                             0)
             for client in self._clients:
+                if sought:
+                    client.forget()
                 client.say(answer)
 
     def close(self) -> None:

@@ -224,9 +224,8 @@ function onImage(message) {
 
 function plot(name, label, stampS, value) {
   const plotted = (series[name] ??= {}), line = (plotted[label] ??= []);
-  const last = line[line.length - 1];
-  if (last && stampS < last[0]) line.length = 0;      // time has begun anew
-  if (last && stampS - last[0] < PLOT_STEP_S) return;
+  if (line.length && stampS < line[line.length - 1][0]) line.length = 0;    // it begins anew
+  if (line.length && stampS - line[line.length - 1][0] < PLOT_STEP_S) return;
   line.push([stampS, value]);
   while (line[0][0] < stampS - SHOWN_S) line.shift();
 }

@@ -10,8 +10,10 @@ import pytest
 import synthetic_bag
 
 pytest.importorskip('websockets')
+import browser  # noqa: E402
 from rosbags.typesys import get_typestore, Stores  # noqa: E402
-from view_client import Client, client, free_port  # noqa: E402  (needs the extra)
+from view_client import Client, client, free_port, TOKEN  # noqa: E402  (needs the extra)
+from waiting import wait_until  # noqa: E402
 
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.base import topics  # noqa: E402
@@ -20,7 +22,7 @@ from lunar_rover_sim.products.inspection.replay import replay  # noqa: E402
 
 @contextlib.contextmanager
 def played(path: Path) -> Iterator[Client]:
-    """Play a bag in a thread until the end of the block; give a client."""
+    """Play a bag in a thread until the end of the block; give a client, which has a port."""
     port, ended = free_port(), threading.Event()
 
     def on_time(now_s: float) -> None:
@@ -89,3 +91,26 @@ def test_a_recording_pauses_and_seeks(tmp_path: Path) -> None:
         while one.message()[1] < 2_300_000_000:
             pass
         assert time.monotonic() - begun_s > 0.5     # half as fast
+
+
+@pytest.mark.skipif(browser.CHROMIUM is None, reason='there is no Chromium')
+def test_the_page_of_a_recording_has_a_time_line(tmp_path: Path) -> None:
+    """No stick; it pauses, seeks, and begins anew without an error."""
+    items = synthetic_bag.drive(1.0, only=[topics.ODOM, topics.WORLD_HASH])
+    path = synthetic_bag.write(tmp_path / 'bag', items)
+    with played(path) as one, browser.browser(tmp_path / 'profile') as page:
+        page.open(f'http://localhost:{one.port}/?token={TOKEN}')
+        wait_until(lambda: page.value('recording !== null && nowS > 0.5'))
+        wait_until(lambda: page.value('nowS < 0.4'))        # it has begun anew
+        wait_until(lambda: page.value("nowS > 0.1 && series['pitch, roll [deg]'] !== undefined"))
+        assert page.value("[element('driving').hidden, element('player').hidden, drivable]"
+                          ) == [True, False, False]
+        page.value("element('play').click()")
+        wait_until(lambda: page.value("element('play').textContent") == 'play')
+        page.value("element('seek').value = 0.75; "
+                   "element('seek').dispatchEvent(new Event('input'))")
+        wait_until(lambda: page.value('pose !== null && pose.stampS') == 0.75)
+        time.sleep(0.3)
+        assert page.value("[nowS, pose.stampS, element('time').textContent]") == [
+            0.75, 0.75, '0.75 s']
+        assert not page.errors
