@@ -236,3 +236,22 @@ def test_the_low_pass_filter_keeps_light_and_takes_false_colours():
     assert chroma(soft) < 0.4 * chroma(sharp)
     light = SensorModel(CAMERA, RAW).linear
     assert light(soft).mean() == pytest.approx(light(sharp).mean(), rel=0.01)
+
+
+@pytest.mark.parametrize(('low_pass', 'least', 'most'), [(None, 0.95, 1.06), (True, 0.4, 0.6)])
+def test_green_is_as_sharp_as_grey_unless_a_filter_is_asked_for(low_pass, least, most):
+    """Stripes of a quarter of a cycle per pixel, as mono sensors and interpolated mosaics see them."""
+    column = np.arange(320)
+    stripes = np.tile((0.4 + 0.2 * np.cos(0.5 * np.pi * column + 0.3)).astype(np.float32), (240, 1))
+
+    def amplitude(encoding):
+        config = dataclasses.replace(RAW, encoding=encoding)
+        if low_pass is not None:
+            config = dataclasses.replace(config, low_pass_filter=low_pass)
+        model = SensorModel(CAMERA, config)
+        full = np.float32(config.full_well_e / (model.electrons_per_radiance_second * 1e-3))
+        pixels = ImageSensor(RIG, model, 0).pixels(stripes * full, 0, 1e-3, 0)
+        row = (pixels if encoding == 'mono16' else interpolated(pixels)[..., 1])[120, 40:280]
+        return abs((row * np.exp(-0.5j * np.pi * column[40:280])).mean())
+
+    assert least < amplitude('bayer_rggb16') / amplitude('mono16') < most
