@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.base.compiled import compiled
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.image.rendering.canvas import FRAMES_UNDER_WAY
 from lunar_rover_sim.rover.description import RoverDescription
@@ -27,6 +28,8 @@ _MARGIN_M = 0.06        # around the rover
 _HIDDEN_M = 0.004       # pieces that protrude from others by less are left out of the shadow
 _BLUR = 0.02            # of the distance: more than the sun's radius and half a pixel
 _SUB = 4                # fractional bits of outline corners
+_BAND = np.float32(4.0)     # pixels to either side of outlines to which distances are exact
+_FAR, _SHORTEST = np.float32(1e9), np.float32(1e-9)
 
 
 class _Piece(NamedTuple):
@@ -114,11 +117,12 @@ class RoverShadow:
         half = self._half_m
         scale = 0.5 * MAP / half
         seen = self._seen_corners(T_world_links, sun_axes)
-        flat = (seen[:, :2] * scale + (0.5 * MAP - 0.5)).astype(np.float32) * (1 << _SUB)
-        shapes = []
-        for first, end in zip(self._starts[:-1], self._starts[1:]):
-            outline = cv2.convexHull(flat[first:end])[:, 0]
-            shapes.append((float(seen[first:end, 2].mean()), np.rint(outline).astype(np.int32)))
+        flat = (seen[:, :2] * scale + (0.5 * MAP - 0.5)).astype(np.float32)
+        outlines = [cv2.convexHull(flat[first:end])[:, 0]
+                    for first, end in zip(self._starts[:-1], self._starts[1:])]
+        shapes = [(float(seen[first:end, 2].mean()),
+                   np.rint(outline * (1 << _SUB)).astype(np.int32))
+                  for first, end, outline in zip(self._starts[:-1], self._starts[1:], outlines)]
         free = np.full((MAP, MAP), 255, np.uint8)
         depth = np.full((MAP, MAP), -half, np.float32)
         for along, outline in sorted(shapes, key=lambda item: item[0]):
@@ -133,9 +137,55 @@ class RoverShadow:
         distance = outside - inside
         # The transform measures to the centre of the nearest pixel of the other kind.
         distance -= np.copysign(np.float32(0.5), distance)
+        _straighten(distance, np.concatenate(outlines),
+                    np.cumsum([0, *(len(outline) for outline in outlines)]))
         distance *= np.float32(1.0 / scale)
         np.copyto(depth, cv2.dilate(depth, np.ones((25, 25), np.uint8)), where=free > 0)
         return np.asarray(cv2.merge([distance, depth]), np.float32)
+
+
+@compiled
+def _straighten(distance, corners, starts):  # type: ignore[no-untyped-def]
+    """Replace distances near the outlines, which have steps of pixels, by those to the polygons.
+
+    Args:
+        distance: (n, n) signed, in pixels.
+        corners: (v, 2) of convex polygons, one after the other, in pixels.
+        starts: Where each begins, and the end.
+    """
+    n = len(distance)
+    nearest = np.full((n, n), _FAR, np.float32)
+    for k in range(len(starts) - 1):
+        own = corners[starts[k]:starts[k + 1]]
+        left, right = _FAR, -_FAR
+        low, high, area = _FAR, -_FAR, np.float32(0.0)
+        for i in range(len(own)):
+            a, b = own[i - 1], own[i]
+            left, right = min(left, b[0]), max(right, b[0])
+            low, high = min(low, b[1]), max(high, b[1])
+            area += a[0] * b[1] - a[1] * b[0]
+        if area == 0.0:
+            continue
+        sign = np.float32(1.0) if area > 0.0 else np.float32(-1.0)
+        for r in range(max(int(low - _BAND), 0), min(int(high + _BAND) + 2, n)):
+            for c in range(max(int(left - _BAND), 0), min(int(right + _BAND) + 2, n)):
+                if abs(distance[r, c]) > _BAND:
+                    continue
+                inside, square = -_FAR, _FAR
+                for i in range(len(own)):
+                    a, b = own[i - 1], own[i]
+                    u, v = b[0] - a[0], b[1] - a[1]
+                    x, y = np.float32(c) - a[0], np.float32(r) - a[1]
+                    length2 = max(u * u + v * v, _SHORTEST)
+                    inside = max(inside, sign * (x * v - y * u) / np.sqrt(length2))
+                    t = min(max((x * u + y * v) / length2, np.float32(0.0)), np.float32(1.0))
+                    square = min(square, (x - t * u)**2 + (y - t * v)**2)
+                own_distance = np.sqrt(square) if inside > 0.0 else inside
+                nearest[r, c] = min(nearest[r, c], own_distance)
+    for r in range(n):
+        for c in range(n):
+            if nearest[r, c] < _FAR:
+                distance[r, c] = nearest[r, c]
 
 
 @functools.lru_cache(maxsize=2)     # for the next renderer of the same rover

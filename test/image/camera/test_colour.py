@@ -240,9 +240,9 @@ def test_the_low_pass_filter_keeps_light_and_takes_false_colours():
 
 @pytest.mark.parametrize(('low_pass', 'least', 'most'), [(None, 0.95, 1.06), (True, 0.4, 0.6)])
 def test_green_is_as_sharp_as_grey_unless_a_filter_is_asked_for(low_pass, least, most):
-    """Stripes of a quarter of a cycle per pixel, as mono sensors and interpolated mosaics see them."""
+    """Stripes of a quarter of a cycle per pixel, on mono sensors and interpolated mosaics."""
     column = np.arange(320)
-    stripes = np.tile((0.4 + 0.2 * np.cos(0.5 * np.pi * column + 0.3)).astype(np.float32), (240, 1))
+    stripes = np.tile(np.float32(0.4 + 0.2 * np.cos(0.5 * np.pi * column + 0.3)), (240, 1))
 
     def amplitude(encoding):
         config = dataclasses.replace(RAW, encoding=encoding)

@@ -100,3 +100,26 @@ def test_none_of_it_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     # There is something to find, and where there is nothing it is mostly not looked for.
     assert max(of_rover) > 0.1 and np.median(of_rover) < 0.01
     assert 0.2 < np.mean(found) < 0.8
+
+
+def test_a_straight_edge_of_its_shadow_is_straight():
+    """Half the light across the side of the body's shadow on a plane, row by row, from above."""
+    config = ChaseConfig.from_mapping({
+        'azimuth_deg': 0.0, 'elevation_deg': 60.0, 'distance_m': 1.6, 'reference': 'east',
+        'camera': {'width': 640, 'height': 480}})
+    world, state = scene.plane(), RoverPose(scene.pose())
+    with Renderer(world, scene.ROVER, scene.config(10.0, 40.0)) as drawn:
+        mount = ChaseMount(config, 40.0, world)
+        camera = drawn.add_camera(config, mount)
+        mount.follow(state)
+        rows = camera.render(state, 0, ('radiance',)).radiance[140:168, 230:275].astype(float)
+    rows /= rows.max(axis=1, keepdims=True)
+    crossings = []
+    for number, row in enumerate(rows):
+        first = np.flatnonzero((row[:-1] < 0.5) != (row[1:] < 0.5))
+        if len(first) == 1:
+            k = first[0]
+            crossings.append((number, k + (0.5 - row[k]) / (row[k + 1] - row[k])))
+    at, column = np.array(crossings).T
+    assert len(at) > 20
+    assert np.ptp(column - np.polyval(np.polyfit(at, column, 1), at)) < 0.5
