@@ -163,9 +163,9 @@ class SensorConfig(Parameters):
                               low=0.0, high=2.0)
     psf_sigma_px: float = param(0.45, 'point spread; 0 switches it off', unit='px', low=0.0,
                                 high=0.6)
-    low_pass_filter: bool = param(False, 'plate in front of a mosaic that splits each ray into four'
-                                  ' spots one pixel apart, so that edges have no false colours; '
-                                  'mono sensors have none')
+    low_pass_filter: bool = param(
+        False, 'plate in front of a mosaic that splits each ray into four spots one pixel apart, '
+        'so that edges have no false colours; mono sensors have none')
     black_level: float = param(0.004, 'offset of the converter, of full scale', low=0.0, high=0.5)
     shot_noise: bool = param(True, 'photon and dark shot noise')
     read_noise: bool = param(True, 'read noise')
