@@ -9,7 +9,8 @@ import pytest
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy')
 
-from geometry_msgs.msg import PoseStamped  # noqa: E402  (needs rclpy)
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402  (needs rclpy)
+from geometry_msgs.msg import PoseStamped  # noqa: E402
 from nav_msgs.msg import OccupancyGrid, Odometry  # noqa: E402
 from peer import at_rest_odometry, running  # noqa: E402
 from sensor_msgs.msg import PointCloud2  # noqa: E402
@@ -17,6 +18,7 @@ from sensor_msgs.msg import PointCloud2  # noqa: E402
 from lunar_rover_sim.base.frames import inverse, se3  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 from lunar_rover_sim.nodes.map_conversions import traversability_of  # noqa: E402
+from lunar_rover_sim.nodes.qos import reliable  # noqa: E402
 from lunar_rover_sim.rover.mounts import lidar_pose  # noqa: E402
 from lunar_rover_sim.rover.rover_file import load_rover  # noqa: E402
 
@@ -80,6 +82,12 @@ def test_a_goal_in_an_unknown_frame_is_refused(peer):
         assert not told
         frame[0] = 'odom'
         peer.spin_until(lambda: told, meanwhile=send)
+        # Who comes late is told what it is doing.
+        late = []
+        peer.node.create_subscription(DiagnosticArray, 'navigator/status', late.append,
+                                      reliable(1, durable=True))
+        peer.spin_until(lambda: late)
+        assert late[-1].status[0].message == 'waiting'
         node.send_signal(signal.SIGINT)
         reader.join()
     assert told[0].pose.position.x == 2.0
