@@ -290,14 +290,22 @@ class Navigator:
         return f'no depth for {age_s:.1f} s' if age_s > self._config.map_age_s else None
 
     def _wait_for(self, missing: str, heading: float | None = None) -> NavigatorCommand:
-        """Stand; one that has turned into the dark turns back to where it saw something."""
+        """Stand still; return the command.
+
+        A rover that has turned into the dark turns back to where it saw something. One that has
+        seen nothing yet looks around on the spot, where the ground is known.
+        """
         if self._missing_ns is None:
             self._missing_ns = self._now_ns
             self.notes.append(f'stands still: {missing}')
         self._history.clear()
-        if self._now_ns - self._missing_ns > self._config.lost_s * 1e9:
+        waited_s = (self._now_ns - self._missing_ns) * 1e-9
+        yaw_rate, looks_around = 0.0, heading is not None and self._seeing_heading is None
+        around_s = 2.0 * math.pi / self._config.max_yaw_rate_radps if looks_around else 0.0
+        if waited_s > self._config.lost_s + around_s:
             return self._fail(Failure.LOST, missing, None)
-        yaw_rate = 0.0
+        if looks_around and self._config.map_age_s < waited_s < self._config.map_age_s + around_s:
+            yaw_rate = self._config.max_yaw_rate_radps
         if heading is not None and self._seeing_heading is not None:
             if self._look is not None:
                 self._end_look()

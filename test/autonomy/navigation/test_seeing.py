@@ -100,8 +100,12 @@ def test_a_covered_lens_stops_it_at_once_and_for_good():
 
 def test_at_night_it_does_not_set_out():
     rover = Rover(Plain(), (6.0, 0.0), covered_s=0.0)
-    assert rover.drive(60.0).failure is Failure.LOST
+    assert rover.drive(80.0).failure is Failure.LOST
     assert rover.path[-1] == pytest.approx((0.0, 0.0), abs=1e-9)
+    # It has looked around, on the spot: where all before it is dark, light may be behind it.
+    assert sum(command.yaw_rate_radps for command in rover.commands) * TICK_S > 6.0
+    dark_ahead = Rover(Plain(shadows=[(0.4, 9.0, -9.0, 9.0)]), (-2.0, 0.0))
+    assert dark_ahead.drive(120.0).status is Status.ARRIVED
 
 
 def test_it_sets_out_from_ground_that_its_cameras_do_not_see_and_arrives_behind_itself():
