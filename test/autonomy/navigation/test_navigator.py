@@ -31,8 +31,9 @@ class Rover:
         self.now_ns, self.held, self.commands, self.way_m = 0, False, [], 0.0
 
     def step(self, **changes):
-        said = {'pose_ns': self.now_ns, 'grid': Traversability(
-            self.now_ns, np.array([-4.0, -4.0]), CELL, self.cost), **changes}
+        if len(self.commands) % 4 == 0 or self.cost is not self.seen.cost:
+            self.seen = Traversability(self.now_ns, np.array([-4.0, -4.0]), CELL, self.cost)
+        said = {'pose_ns': self.now_ns, 'grid': self.seen, **changes}
         command = self.navigator.update(
             self.now_ns, said['pose_ns'], (self.x, self.y, 0.1),
             wxyz_from_rpy(0.0, self.pitch, self.yaw), said['grid'])
