@@ -116,7 +116,7 @@ def test_a_map_of_it_has_means_of_its_cells():
 
 
 def test_the_stated_deviation_holds_also_at_rocks():
-    """Eyes with the errors of a matcher drive past rocks; of a normal law 0.3 % would be beyond."""
+    """Eyes with errors of a matcher pass rocks; of a normal law 0.3 % would be beyond."""
     scenario, world = Scenario.load('baseline'), rocky()
     eyes = SeenDepth(world, scenario.rover, scenario.render_node.camera,
                      scenario.render_node.sun, 1)
