@@ -57,5 +57,5 @@ html_title = f'lunar_rover_sim {release}'
 html_show_sourcelink = False
 html_copy_source = False
 
-# Tables of the reference come from the code.
-generate.write_all(Path(__file__).parent)
+# Names, and tables of measurements, come from the code.
+generate.write_for_sphinx(Path(__file__).parent)

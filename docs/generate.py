@@ -2,15 +2,17 @@
 
     python docs/generate.py
 
-writes docs/_generated/: the table of topics, the tables of parameters, the command line, the
-public names, and the wings. The Sphinx configuration calls it before
-every build.
+writes the tables of topics, parameters, commands, public names and wings into the pages that show
+them, which are in git. A build, and a test, fail where a table is not that of the code. What only
+Sphinx reads goes to docs/_generated at every build.
 """
 
 from __future__ import annotations
 
 import ast
 from configparser import ConfigParser
+import importlib
+import inspect
 from pathlib import Path
 import re
 
@@ -134,6 +136,22 @@ def command_pages() -> str:
     return '\n'.join(parts)
 
 
+def python_table() -> str:
+    """Return the public names and the modules beside them, each with its subject."""
+    def subject(item: object) -> str:
+        return cell((inspect.getdoc(item) or '').partition('\n')[0])
+
+    rows = [f'| `{item.__name__}` | `{item.__module__}` | {subject(item)} |'
+            for item in (getattr(lunar_rover_sim, name) for name in lunar_rover_sim.__all__)]
+    lines = ['| name | module | meaning |', '|---|---|---|', *rows, '',
+             '| beside them | module | subject |', '|---|---|---|']
+    for title, modules in MODULES.items():
+        for name in modules:
+            module = importlib.import_module(f'lunar_rover_sim.{name}')
+            lines.append(f'| {title} | `{module.__name__}` | {subject(module)} |')
+    return '\n'.join(lines)
+
+
 def python_page() -> str:
     """Return autodoc's directives for what the package exports, then for modules beside it."""
     exported = [getattr(lunar_rover_sim, name) for name in lunar_rover_sim.__all__]
@@ -179,20 +197,43 @@ def wing_table() -> str:
     return '\n'.join([*lines, ''])
 
 
-def write_all(docs: Path) -> None:
-    """Write all generated parts below docs/_generated; files that are right stay untouched."""
+# Page → what writes its table, which stands between two comments.
+TABLES = {'reference/topics.md': topic_table, 'reference/parameters.md': parameter_tables,
+          'reference/commands.md': command_pages, 'reference/python.md': python_table,
+          'explanation/architecture.md': wing_table}
+BEGIN, END = '<!-- Written by `python docs/generate.py`: -->', '<!-- End of what it wrote. -->'
+
+
+def outdated(docs: Path) -> dict[Path, str]:
+    """Return the pages whose tables are not those of the code, and what they should be."""
     check_sections()
+    found = {}
+    for name, table in TABLES.items():
+        text = (docs / name).read_text(encoding='utf-8')
+        before, begin, rest = text.partition(BEGIN)
+        _, end, after = rest.partition(END)
+        if not begin or not end:
+            raise ValueError(f'{name}: the comments around its table are missing')
+        wanted = f'{before}{BEGIN}\n\n{table().strip()}\n\n{END}{after}'
+        if wanted != text:
+            found[docs / name] = wanted
+    return found
+
+
+def write_for_sphinx(docs: Path) -> None:
+    """Write what only Sphinx reads; raise ValueError if a table of a page is not up to date."""
+    if pages := outdated(docs):
+        raise ValueError(f'{", ".join(str(page) for page in pages)}: not up to date; run '
+                         '`python docs/generate.py`')
     folder = docs / '_generated'
     folder.mkdir(exist_ok=True)
-    for name, text in (('topics.md', topic_table()), ('parameters.md', parameter_tables()),
-                       ('commands.md', command_pages()), ('python.md', python_page()),
-                       ('wings.md', wing_table())):
-        path = folder / name
-        if not path.is_file() or path.read_text(encoding='utf-8') != text:
-            path.write_text(text, encoding='utf-8')
+    path, text = folder / 'python.md', python_page()
+    if not path.is_file() or path.read_text(encoding='utf-8') != text:
+        path.write_text(text, encoding='utf-8')
     benchmarks.write_all(folder)
 
 
 if __name__ == '__main__':
-    write_all(Path(__file__).parent)
-    print(Path(__file__).parent / '_generated')
+    for page, text in outdated(Path(__file__).parent).items():
+        page.write_text(text, encoding='utf-8')
+        print(page)

@@ -30,6 +30,11 @@ def test_tables_are_complete(monkeypatch: pytest.MonkeyPatch) -> None:
     assert '| `--duration S` | simulated time [s] |' in text
 
 
+def test_tables_in_git_are_those_of_the_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`python docs/generate.py` writes them."""
+    assert not list(script('generate', monkeypatch).outdated(ROOT / 'docs'))
+
+
 def test_published_table(monkeypatch: pytest.MonkeyPatch) -> None:
     """The page of a sweep shows value, system and success; what is always the same is left out."""
     drives = ROOT / 'docs' / 'measurements' / 'table_1_rates.csv'

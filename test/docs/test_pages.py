@@ -16,10 +16,16 @@ PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md',
 ASIDE = re.compile(r'`[^`]*`|\]\([^)]*\)|\([^()]*\)|\b(?:e\.g|i\.e|cf|al|Nov|[A-Z])\. |^\s*\d+\. ')
 
 
+def typed(page: Path) -> str:
+    """Return the text of a page but what a script writes into it."""
+    return re.sub('<!-- Written by .*<!-- End of ', '', page.read_text(encoding='utf-8'),
+                  flags=re.DOTALL)
+
+
 def prose(page: Path) -> list[str]:
     """Return the lines of a page but those of code and tables."""
     lines, fence = [], ''
-    for line in page.read_text(encoding='utf-8').splitlines():
+    for line in typed(page).splitlines():
         mark = re.match(r'\s*(`{3,}|:{3,})', line)
         if mark:
             fence = '' if mark[1] == fence else fence or mark[1]
@@ -30,7 +36,7 @@ def prose(page: Path) -> list[str]:
 
 def test_length() -> None:
     """The documentation is one that is read: about 38,000 words, of measurements 9,000."""
-    words = {page: len(page.read_text(encoding='utf-8').split()) for page in PAGES
+    words = {page: len(typed(page).split()) for page in PAGES
              if page.parent != ROOT}
     assert sum(words.values()) <= 38_000
     assert sum(count for page, count in words.items()
