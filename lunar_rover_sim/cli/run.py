@@ -181,9 +181,9 @@ def _print_summary(recording: Recording) -> None:
         say('warnings:')
         for text in recording.warnings:
             say(f'  {text}')
-    shares = ', '.join(f'{name} {100 * used_s / recording.wall_s:.0f} %'
-                       for name, used_s in recording.cpu_s.items())
-    say(f'processor time over the whole run, in percent of one core: {shares}')
+    loads = sorted(recording.cpu_s.items(), key=lambda item: -item[1])
+    say('load of the processor, 100 % is one core: ' + ', '.join(
+        f'{name} {100 * used_s / recording.wall_s:.0f} %' for name, used_s in loads))
     if recording.bag is None:
         return
     with Progress('summing up the bag'):

@@ -206,7 +206,7 @@ class Drive:
 def sentence(found: Sequence[PredictionMiss]) -> str:
     """Return one line on the recorded rate and, if it is too low, on one that is not."""
     first = found[0]
-    line = f'at {first.rate_hz:.3g} Hz, constant velocity misses by {first}'
+    line = f'at {first.rate_hz:.3g} Hz a tracker that expects constant velocity misses by {first}'
     if first.lost > MAX_LOST:
         better = next((miss for miss in found[1:] if miss.lost <= MAX_LOST), found[-1])
         if better is not first:
