@@ -78,12 +78,12 @@ class _Argument(click.Argument):
         super().__init__(*args, **kwargs)
         self.meaning = help
 
-    def get_help_record(self, ctx: click.Context) -> tuple[str, str]:
+    def get_help_record(self, _context: click.Context) -> tuple[str, str]:
         """Return how it is written and what it means."""
-        return self.make_metavar(ctx), self.meaning
+        return self.metavar or self.human_readable_name, self.meaning
 
 
-class Choice(click.Choice[str]):
+class Choice(click.Choice):     # type: ignore[type-arg]  # no generic before click 8.2
     """One of several words; for another one the nearest is offered."""
 
     def convert(self, value: Any, param: click.Parameter | None,
@@ -141,13 +141,13 @@ def _scenarios(_context: click.Context, _param: click.Parameter,
 
 def scenario(default: str | None = None, many: bool = False,
              help: str = 'name of a packaged scenario, or a YAML file') -> Decorator:
-    """Declare a scenario, or with `many` `scenarios`."""
+    """Declare a scenario, or with `many` `scenarios`, which are empty for the default."""
     if default is not None:
         help += f'  [default: {default}]'
     return argument('scenarios' if many else 'scenario', help, nargs=-1 if many else 1,
                     metavar=('[SCENARIO]' if default else 'SCENARIO') + ('...' if many else ''),
                     required=default is None, shell_complete=_scenarios,
-                    default=(default,) if many and default else default)
+                    default=None if many else default)
 
 
 def scenario_option(help: str) -> Decorator:

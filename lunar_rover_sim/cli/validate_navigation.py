@@ -46,6 +46,7 @@ def navigation(scenarios: Sequence[str], overrides: list[str], seeds: int, first
     needed. Writes navigation.md, navigation.csv, navigation.png and, of estimates,
     navigation_poses.png.
     """
+    scenarios = scenarios or ('baseline',)
     for pose in poses:
         if pose not in (TRUTH, WHEELS, REFERENCE, SLAM) \
                 and not re.fullmatch(r'drift=0?\.\d+', pose):
