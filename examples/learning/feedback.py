@@ -7,8 +7,9 @@ import numpy as np
 from lunar_rover_sim.autonomy.learning.task import RoverTask
 
 OF_LEG = ('spoke_sin', 'spoke_cos', 'speed', 'torque', 'lead')
-OF_BODY = ('rate_y', 'up_x')
-OF_SIDE = ('rate_x', 'up_y')    # of the other sign for legs on the right
+OF_BODY = ('rate_y', 'up_x', 'command_forward')
+# Of the other sign for legs on the right.
+OF_SIDE = ('rate_x', 'up_y', 'rate_z', 'command_yaw_rate')
 
 
 def count(task: RoverTask) -> int:

@@ -3,9 +3,9 @@
     python examples/learning/train_feedback.py -o runs/feedback --ground highland --gait smooth
 
 Needs `pip install -e '.[train]'`. All candidates of a generation walk in the same episodes, which
-vary in soil, slope, friction, masses, motors, delay, relief and pushes. A run that was stopped
-goes on where it was. It writes `policy.onnx`, its card and `log.jsonl`. Training never sees the
-seeds of the study.
+vary in command, soil, slope, friction, masses, motors, delay, relief and pushes. A run that was
+stopped goes on where it was. It writes `policy.onnx`, its card and `log.jsonl`. Training never
+sees the seeds of the study.
 """
 
 from __future__ import annotations
@@ -22,13 +22,11 @@ from episodes import run_episode
 from feedback import count, layer
 import numpy as np
 from rich.progress import track
-from train_gait import EVALUATED, log, tuned
+from train_gait import COMMAND_S, EVALUATED, log, tuned
 
 from lunar_rover_sim.autonomy.learning.policy_file import save_policy
 from lunar_rover_sim.autonomy.learning.task import RoverTask
 from lunar_rover_sim.autonomy.learning.tasks import make_task
-
-FAILED = 10.0   # cost of an episode that ends early, which loses no reward any more
 
 
 def main() -> None:
@@ -39,7 +37,6 @@ def main() -> None:
     parser.add_argument('--rover', default='quad')
     parser.add_argument('--gait', default='', metavar='POLICY',
                         help='a policy of Gait whose constant gait the feedback is added to')
-    parser.add_argument('--speed', type=float, default=0.12)
     parser.add_argument('--generations', type=int, default=100)
     parser.add_argument('--minutes', type=float, default=120.0, help='stop after this time')
     parser.add_argument('--population', type=int, default=12)
@@ -50,9 +47,8 @@ def main() -> None:
     parser.add_argument('--seed', type=int, default=1)
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
-    options = {
-        'ground': args.ground, 'rover': args.rover, 'forward_mps': (args.speed, args.speed),
-        'yaw_rate_radps': (0.0, 0.0), 'episode_s': args.episode, **tuned(args.gait, args.rover)}
+    options = {'ground': args.ground, 'rover': args.rover, 'episode_s': args.episode,
+               'command_s': COMMAND_S, **tuned(args.gait, args.rover)}
     task = make_task('walk', options)
     end_s = time.monotonic() + 60.0 * args.minutes
     kept = args.output / 'checkpoint.pickle'
@@ -101,9 +97,8 @@ def walk(numbers: np.ndarray, seeds: range) -> float:
 def mean_return(task: RoverTask, numbers: np.ndarray, seeds: range) -> float:
     """Return the mean return of episodes with a feedback."""
     weight, bias = layer(task, numbers)
-    episodes = [run_episode(task, lambda observation: weight @ observation + bias, seed)
-                for seed in seeds]
-    return float(np.mean([total - FAILED * failed for total, failed in episodes]))
+    return float(np.mean([run_episode(task, lambda observation: weight @ observation + bias,
+                                      seed)[0] for seed in seeds]))
 
 
 if __name__ == '__main__':

@@ -10,9 +10,9 @@ import dataclasses
 
 import numpy as np
 
-from lunar_rover_sim.autonomy.learning.randomisation import check_ranges
+from lunar_rover_sim.autonomy.learning.follow import FollowConfig, FollowTask
 from lunar_rover_sim.autonomy.learning.senses import Channel, of_legs, Sample, scaled, Upright
-from lunar_rover_sim.autonomy.learning.task import Driver, even, RoverTask, STATE_HZ, TaskConfig
+from lunar_rover_sim.autonomy.learning.task import Driver, STATE_HZ
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.parameters import param
@@ -20,7 +20,6 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
 from lunar_rover_sim.rover.gait.config import CUSTOM, GaitConfig
 from lunar_rover_sim.rover.gait.controller import GaitController
-from lunar_rover_sim.rover.physics.state import RoverState
 
 # Offset, scale, and bounds of the values; the offset is the packaged gait's.
 _SHAPE = {'duty_factor': (0.25, 0.35, 0.85), 'foot_width_deg': (45.0, 15.0, 105.0),
@@ -31,26 +30,14 @@ _SPEED_FACTOR = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
-class GaitTaskConfig(TaskConfig):
+class GaitTaskConfig(FollowConfig):
     """Parameters of `Gait`."""
 
     decision_hz: int = param(5, 'rate of decisions; a divisor of 200', unit='Hz', low=1, high=50)
-    forward_mps: tuple[float, ...] = param((0.12, 0.12), 'commanded speed, least and greatest',
-                                           unit='m/s', length=2, low=0.0, high=0.6)
-    yaw_rate_radps: tuple[float, ...] = param(
-        (0.0, 0.0), 'commanded yaw rate, least and greatest', unit='rad/s', length=2, low=-1.0,
-        high=1.0)
-    start_s: float = param(3.0, 'time from the start on that is not judged', unit='s', low=0.0)
-    energy_weight: float = param(1.0, 'cost of electric power over weight times commanded speed',
-                                 low=0.0)
-    shaking_weight: float = param(0.0, 'cost of squared pitch and roll rates', unit='s^2/rad^2',
-                                  low=0.0)
-    miss_weight: float = param(6.0, 'cost of the share by which the way along the course misses'
-                               ' the commanded one', low=0.0)
 
     def validate(self) -> None:
         """Raise ConfigError for a period of no whole number of states, or a range upside down."""
-        check_ranges(self, 'forward_mps', 'yaw_rate_radps')
+        super().validate()
         if STATE_HZ % self.decision_hz:
             raise ConfigError(f'decision_hz: {self.decision_hz} is not valid; valid is a divisor '
                               f'of {STATE_HZ} [Hz]')
@@ -148,7 +135,7 @@ def gait_of(action: Array, actions: tuple[Channel, ...],
         ), values['speed_factor']
 
 
-class Gait(RoverTask):
+class Gait(FollowTask):
     """Choose the parameters of the gait."""
 
     name = 'gait'
@@ -158,46 +145,3 @@ class Gait(RoverTask):
     def make_driver(self) -> GaitDriver:
         """Return the driver of the rover as its file describes it."""
         return GaitDriver(self.config, self.rover)
-
-    @property
-    def commanded(self) -> tuple[float, float]:
-        """The velocity that is asked for: forward [m/s] and yaw rate [rad/s]."""
-        return self._commanded
-
-    def begin(self, rng: np.random.Generator) -> None:
-        """Draw the command of the episode."""
-        self._commanded = (even(rng, self.config.forward_mps),
-                           even(rng, self.config.yaw_rate_radps))
-        self.driver.set_velocity(*self._commanded)
-        self._energy_j = self._shaking = self._time_s = self._way_m = self._turn_rad = 0.0
-        self._behind_m = self._behind_rad = 0.0
-
-    def watch(self, state: RoverState, interval_s: float) -> None:
-        """Sum up energy, shaking and way."""
-        self._energy_j += self.power_w(state) * interval_s
-        rates = state.angular_velocity_radps
-        self._shaking += float(rates[0] ** 2 + rates[1] ** 2) * interval_s
-        self._way_m += float(state.linear_velocity_mps[0]) * interval_s
-        self._turn_rad += float(rates[2]) * interval_s
-        self._time_s += interval_s
-
-    def reward(self) -> float:
-        """Return the reward of the decision that is over.
-
-        Summed over an episode, the error of the whole way counts, not that of each decision, since
-        the speed varies within a cycle.
-        """
-        c, (speed, yaw_rate), time_s = self.config, self._commanded, self._time_s
-        judged = self.state.stamp_ns * 1e-9 > c.start_s + 1e-9
-        total = 0.0
-        if judged and time_s > 0.0:
-            before = abs(self._behind_m), abs(self._behind_rad)
-            self._behind_m += self._way_m - speed * time_s
-            self._behind_rad += self._turn_rad - yaw_rate * time_s
-            missed = ((abs(self._behind_m) - before[0]) / max(speed, 0.05)
-                      + 0.3 * (abs(self._behind_rad) - before[1]))
-            total = (-c.energy_weight * self._energy_j / (self.weight_n * max(speed, 0.05))
-                     - c.shaking_weight * self._shaking - c.miss_weight * missed)
-            total /= max(c.episode_s - c.start_s, 1e-9)
-        self._energy_j = self._shaking = self._time_s = self._way_m = self._turn_rad = 0.0
-        return total

@@ -12,23 +12,22 @@ import math
 
 import numpy as np
 
-from lunar_rover_sim.autonomy.learning.randomisation import check_ranges
+from lunar_rover_sim.autonomy.learning.follow import FollowConfig, FollowTask
 from lunar_rover_sim.autonomy.learning.senses import Channel, of_legs, Sample, scaled, Upright
-from lunar_rover_sim.autonomy.learning.task import Driver, even, RoverTask, STATE_HZ, TaskConfig
+from lunar_rover_sim.autonomy.learning.task import Driver, STATE_HZ
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.parameters import group, param
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
 from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.gait.controller import GaitController
-from lunar_rover_sim.rover.physics.state import RoverState
 
 RESIDUAL, SPEEDS = 'residual', 'speeds'
 DECISION_NS = 20_000_000
 
 
 @dataclasses.dataclass(frozen=True)
-class WalkConfig(TaskConfig):
+class WalkConfig(FollowConfig):
     """Parameters of `Walk`."""
 
     action: str = param(RESIDUAL, 'what an action is: residual to the leg speeds of the gait, or'
@@ -42,30 +41,6 @@ class WalkConfig(TaskConfig):
                                ' noise costs no energy; 0: at once', unit='s', low=0.0, high=10.0)
     fastest_radps: float = param(6.0, 'greatest leg speed where actions are speeds', unit='rad/s',
                                  low=0.0, open_low=True, high=50.0)
-    forward_mps: tuple[float, ...] = param((0.08, 0.16), 'commanded speed, least and greatest',
-                                           unit='m/s', length=2, low=0.0, high=0.6)
-    yaw_rate_radps: tuple[float, ...] = param(
-        (-0.1, 0.1), 'commanded yaw rate, least and greatest', unit='rad/s', length=2, low=-1.0,
-        high=1.0)
-    command_s: float = param(6.0, 'time for which a command holds', unit='s', low=0.1)
-    tracking_s: float = param(0.6, 'time constant over which the velocity is judged: about one'
-                              ' cycle of the gait', unit='s', low=0.01, high=10.0)
-    speed_weight: float = param(1.0, 'reward of the commanded speed', low=0.0)
-    speed_width_mps: float = param(0.03, 'error of the speed that leaves 1/e of it', unit='m/s',
-                                   low=0.0, open_low=True)
-    yaw_weight: float = param(0.4, 'reward of the commanded yaw rate', low=0.0)
-    yaw_width_radps: float = param(0.1, 'error of the yaw rate that leaves 1/e of it',
-                                   unit='rad/s', low=0.0, open_low=True)
-    energy_weight: float = param(1.0, 'cost of ln(1 + power / (weight times commanded speed));'
-                                 ' blocked legs draw tens of times the power of a walk', low=0.0)
-    shaking_weight: float = param(1.0, 'cost of squared pitch and roll rates', unit='s^2/rad^2',
-                                  low=0.0)
-    change_weight: float = param(0.01, 'cost of the squared change of the action', low=0.0)
-    reward_scale: float = param(0.05, 'factor on all rewards', low=0.0, open_low=True)
-
-    def validate(self) -> None:
-        """Raise ConfigError for a range that is upside down."""
-        check_ranges(self, 'forward_mps', 'yaw_rate_radps')
 
 
 class WalkDriver(Driver):
@@ -140,7 +115,7 @@ class WalkDriver(Driver):
         return speeds, self._asked.angle_rad
 
 
-class Walk(RoverTask):
+class Walk(FollowTask):
     """Follow velocity commands."""
 
     name = 'walk'
@@ -150,51 +125,3 @@ class Walk(RoverTask):
     def make_driver(self) -> WalkDriver:
         """Return the driver of the rover as its file describes it."""
         return WalkDriver(self.config, self.rover)
-
-    @property
-    def commanded(self) -> tuple[float, float]:
-        """The velocity that is asked for: forward [m/s] and yaw rate [rad/s]."""
-        forward, yaw_rate = self._commanded.tolist()
-        return forward, yaw_rate
-
-    def begin(self, rng: np.random.Generator) -> None:
-        """Draw the first command."""
-        self._velocity = np.zeros(2)        # forward and yaw rate, as they are judged
-        self._energy_j = self._shaking = self._time_s = 0.0
-        self._last_action = np.zeros(len(self.actions))
-        self._command_s = 0.0
-        self._draw_command(rng)
-
-    def watch(self, state: RoverState, interval_s: float) -> None:
-        """Sum up energy and shaking, and follow the velocity."""
-        now = np.array([state.linear_velocity_mps[0], state.angular_velocity_radps[2]])
-        share = -math.expm1(-interval_s / self.config.tracking_s)
-        self._velocity += share * (now - self._velocity)
-        self._energy_j += self.power_w(state) * interval_s
-        rates = state.angular_velocity_radps
-        self._shaking += float(rates[0] ** 2 + rates[1] ** 2) * interval_s
-        self._time_s += interval_s
-
-    def reward(self) -> float:
-        """Return the reward of the decision that is over, and begin the next."""
-        c, time_s = self.config, max(self._time_s, 1e-9)
-        speed = float(self._commanded[0])
-        missed = (self._velocity - self._commanded) / (c.speed_width_mps, c.yaw_width_radps)
-        change = self.driver.action - self._last_action
-        transport = self._energy_j / time_s / (self.weight_n * max(speed, 0.05))
-        total = (c.speed_weight * math.exp(-missed[0] ** 2)
-                 + c.yaw_weight * math.exp(-missed[1] ** 2)
-                 - c.energy_weight * math.log1p(transport)
-                 - c.shaking_weight * self._shaking / time_s
-                 - c.change_weight * float(change @ change))
-        self._last_action = self.driver.action
-        self._energy_j = self._shaking = self._time_s = 0.0
-        if self.state.stamp_ns * 1e-9 >= self._command_s + c.command_s:
-            self._command_s = self.state.stamp_ns * 1e-9
-            self._draw_command(self._rng)
-        return c.reward_scale * total
-
-    def _draw_command(self, rng: np.random.Generator) -> None:
-        self._commanded = np.array([even(rng, self.config.forward_mps),
-                                    even(rng, self.config.yaw_rate_radps)])
-        self.driver.set_velocity(*self.commanded)
