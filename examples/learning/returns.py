@@ -1,47 +1,79 @@
-"""What the actions of a policy of `Walk` gain: returns with them, and of the gait alone.
+"""Returns of `Walk` side by side: standing, random gaits, the packaged gait, and a policy.
 
-    python examples/learning/returns.py feedback --grounds rigid highland
+    python examples/learning/returns.py feedback --grounds highland rigid
 
-Both walk the same episodes, of the length and the randomisation of the training, on seeds that are
-neither trained on nor hidden, or with --hidden on reliefs that nothing else walks on.
+All walk the same episodes: commands, reliefs, soils and pushes of seeds that nothing was trained
+on, with the randomisation of the training. A random gait has each of its parameters drawn evenly,
+anew in each episode. The others are compared with the packaged gait in pairs.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
+import dataclasses
+from typing import Any
 
 from episodes import run_episode
 import numpy as np
 
+from lunar_rover_sim.autonomy.learning.gait_task import gait_of
 from lunar_rover_sim.autonomy.learning.policy_file import Policy
 from lunar_rover_sim.autonomy.learning.tasks import make_task
 from lunar_rover_sim.judge.evaluation.statistics import Comparison, Mean
+from lunar_rover_sim.rover.gait.config import CUSTOM, GaitConfig
 
-FIRST = 20_000
-HIDDEN = (90_000, 99_999)       # seeds of reliefs, of which the study has the first
+FIRST = 90_000          # seed of the first episode
+HIDDEN = (90_000, 99_999)       # seeds of reliefs
+STANDING, RANDOM, PACKAGED = 'standing', 'random gait', 'packaged'
 
 
 def main() -> None:
-    """Print means and the paired test for each ground."""
+    """Print the mean of each walker, its 95 % interval, and the paired test."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('policy', help='a packaged policy or a file')
-    parser.add_argument('--grounds', nargs='+', default=['rigid', 'highland'])
+    parser.add_argument('policies', nargs='*', help='packaged policies of Walk, or files')
+    parser.add_argument('--grounds', nargs='+', default=['highland', 'rigid'])
     parser.add_argument('--episodes', type=int, default=20)
-    parser.add_argument('--hidden', action='store_true', help='on reliefs of hidden seeds')
     args = parser.parse_args()
-    policy = Policy(args.policy)
     for ground in args.grounds:
-        options = {**policy.card.options, 'ground': ground}
-        if args.hidden:
-            options['randomise'] = {**options['randomise'], 'terrain_seed': HIDDEN}
-        task = make_task(policy.card.task, options)
-        still = np.zeros(len(task.actions))
-        alone, learned = np.array([[run_episode(task, act, FIRST + k)[0]
-                                    for k in range(args.episodes)]
-                                   for act in (lambda _: still, policy.act)])
+        found: dict[str, np.ndarray] = {}
+        for walker in (PACKAGED, STANDING, RANDOM, *args.policies):
+            found[walker] = returns_of(walker, args.episodes, ground=ground)
+            against = ('' if walker == PACKAGED else
+                       f'; {Comparison.of(found[walker], found[PACKAGED]).text()}')
+            print(f'{ground}, {walker}: {Mean.of(found[walker]).text(2)}, n = {args.episodes}'
+                  f'{against}', flush=True)
+
+
+def returns_of(walker: str, episodes: int, **options: Any) -> np.ndarray:
+    """Return the returns of a walker in episodes of 6 s with two commands."""
+    options = {'episode_s': 6.0, 'command_s': 3.0,
+               'randomise': {'terrain_seed': HIDDEN}, **options}
+    returns = []
+    for seed in range(FIRST, FIRST + episodes):
+        own, act = walker_of(walker, seed)
+        task = make_task('walk', {**options, **own})
+        returns.append(run_episode(task, act or (lambda _: np.zeros(len(task.actions))), seed)[0])
         task.close()
-        print(f'{ground}: gait alone {Mean.of(alone).text(2)}, with actions '
-              f'{Mean.of(learned).text(2)}; {Comparison.of(learned, alone).text()}', flush=True)
+    return np.array(returns)
+
+
+def walker_of(walker: str, seed: int) -> tuple[dict[str, Any], Callable[..., np.ndarray] | None]:
+    """Return what a walker sets of the task, and its actions, None for zeros."""
+    if walker == PACKAGED:
+        return {}, None
+    if walker == STANDING:
+        return {'action': 'speeds'}, None
+    if walker == RANDOM:
+        task = make_task('gait', {})
+        drawn = np.random.default_rng((seed, 1)).uniform(-1.0, 1.0, len(task.actions))
+        gait, factor = gait_of(drawn, task.actions, dataclasses.replace(
+            GaitConfig().for_rover(task.rover), gait=CUSTOM, phase_offsets=(0.0,) * 4))
+        return {'gait': gait.to_mapping(), 'speed_factor': factor}, None
+    policy = Policy(walker)
+    return {name: policy.card.options[name] for name in (
+        'action', 'gait', 'speed_factor', 'residual_radps', 'smoothing_s', 'fastest_radps')
+        }, policy.act
 
 
 if __name__ == '__main__':

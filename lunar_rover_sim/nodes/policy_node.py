@@ -49,7 +49,9 @@ class PolicyNode(LegControllerNode):
         self._policy = PolicyController.load(config.policy, rover)
         card = self._policy.policy.card
         self.get_logger().info(f'policy {self._policy.policy.path}: {card.task} of {card.rover} on'
-                               f' {card.ground}, by {self._policy.policy.runtime}')
+                               f' {card.ground}')
+        for doubt in self._policy.on_ground(config.ground) if config.ground else ():
+            self.get_logger().warning(doubt)
         return self._policy
 
     def prepare(self, config: Any) -> None:

@@ -141,6 +141,8 @@ class PolicyNodeConfig(NodeConfig):
     """Parameters of policy_node."""
 
     policy: str = param('', 'ONNX file of a policy, or the name of a packaged one')
+    ground: str = param('', 'ground that it walks on, rigid or a soil, of which the node says'
+                        ' whether the policy knows it; empty: in a run that of its ground')
     observation_timeout_s: float = param(
         0.5, 'wall time without an observation after which the legs stop, in time_mode real_time',
         unit='s', low=0.05, high=10.0)

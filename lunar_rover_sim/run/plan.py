@@ -109,9 +109,10 @@ def _following(scenario: Scenario) -> dict[str, Any]:
         # In real time nothing is awaited, but time starts only when these have publishers.
         'physics_node.wait': _extended(physics.wait,
                                        _answers(scenario, render.frame_period_ns / 1e9)),
-        # The gait controller does not know the ground.
+        # The controllers of the legs do not know the ground.
         'gait_controller_node.calibration':
             gait.calibration or packaged_calibration(physics.ground.name, scenario.rover.name),
+        'policy_node.ground': scenario.policy_node.ground or physics.ground.name,
         'render_node.await_ground': render.await_ground or ground_gives,
         'lidar_node.await_ground': lidar.await_ground or ground_gives}
     if 'navigator_node' in nodes:

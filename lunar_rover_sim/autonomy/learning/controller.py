@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from lunar_rover_sim.autonomy.learning.follow import FollowConfig
 from lunar_rover_sim.autonomy.learning.gait_task import GaitDriver, GaitTaskConfig
-from lunar_rover_sim.autonomy.learning.policy_file import Policy, RUNNABLE
+from lunar_rover_sim.autonomy.learning.policy_file import COMMANDS, Policy, RUNNABLE
 from lunar_rover_sim.autonomy.learning.senses import Sample
 from lunar_rover_sim.autonomy.learning.task import Driver, TaskConfig
 from lunar_rover_sim.autonomy.learning.walk import WalkConfig, WalkDriver
@@ -17,6 +18,7 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.gait.controller import LegCommand, MAX_COMMAND
 
 CMD_TIMEOUT_S = 0.5     # a velocity command older than this stops the rover
+_OUTSIDE_NS = 1_000_000_000     # for which commands leave the range before it is reported
 
 
 class PolicyController:
@@ -41,7 +43,12 @@ class PolicyController:
             LearningError: The policy is for another rover, task, rate or observation.
         """
         self.policy = policy
-        self.driver = driver_of(policy.config(), rover)
+        config = policy.config()
+        self.driver = driver_of(config, rover)
+        assert isinstance(config, FollowConfig)     # as all that have such a driver
+        self._ranges = [getattr(config, name) for _, _, name in COMMANDS]
+        self._reported = [False] * len(COMMANDS)
+        self._reports: list[str] = []
         policy.check(self.driver, rover.name, rover.legs.names)
         self._legs = len(rover.legs.each)
         self._command_ns: float = -np.inf
@@ -56,6 +63,8 @@ class PolicyController:
     def reset(self) -> None:
         """Forget everything but the policy: the next sample is the first."""
         self._last_ns: int | None = None
+        # Since when each commanded quantity is out of its range.
+        self._outside_ns: list[float | None] = [None] * len(COMMANDS)
         self.observed: np.ndarray | None = None
         self._answer = LegCommand(np.zeros(self._legs), np.zeros(self._legs),
                                   np.zeros(self._legs))
@@ -75,16 +84,25 @@ class PolicyController:
                             f' valid is -{MAX_COMMAND:g} to {MAX_COMMAND:g}')
         self._command_ns = np.inf if stamp_ns is None else stamp_ns
         self._velocity = (forward_mps, yaw_rate_radps)
+        self._watch_range()
 
     def take_reports(self) -> list[str]:
-        """Return nothing: there is nothing to report."""
-        return []
+        """Return, once, which commands the policy was not trained for."""
+        reports, self._reports = self._reports, []
+        return reports
+
+    def on_ground(self, ground: str) -> list[str]:
+        """Return what is to be reported of walking on a ground, rigid or a soil."""
+        trained = self.policy.card.ground
+        return [] if ground == trained else [
+            f'policy {self.policy.path.stem} was trained on {trained}; here is {ground}']
 
     def update(self, sample: Sample) -> LegCommand:
         """Return the command for a sample; where time goes backward, the controller is reset.
 
         Raises:
-            LearningError: A value is not finite, or there is not one for each leg.
+            LearningError: A value is not finite, or there is not one for each leg; or the policy
+                gives no number.
         """
         self._check(sample)
         now_ns = sample.stamp_ns
@@ -102,11 +120,33 @@ class PolicyController:
         driver.feel(sample)
         if first or now_ns % driver.decision_ns == 0:
             self.observed = driver.observation()
-            driver.decide(np.zeros(len(driver.actions)) if asked == (0.0, 0.0)
-                          else self.policy.act(self.observed))
+            action = (np.zeros(len(driver.actions)) if asked == (0.0, 0.0)
+                      else self.policy.act(self.observed))
+            if not np.isfinite(action).all():
+                raise LearningError(f'{self.policy.path}: gives {action} at {now_ns / 1e9:.3f} s; '
+                                    'valid are finite numbers')
+            driver.decide(action)
         speeds, angles = driver.legs()
         self._answer = LegCommand(speeds, angles, self._answer.phase)
         return self._answer
+
+    def _watch_range(self) -> None:
+        """Report a command that stays out of the range of the training; to stand is in it."""
+        for k, ((words, unit, _), (low, high), asked) in enumerate(zip(
+                COMMANDS, self._ranges, self._velocity)):
+            if low - 1e-6 <= asked <= high + 1e-6 or self._velocity == (0.0, 0.0):
+                self._outside_ns[k] = None
+                continue
+            since_ns = self._outside_ns[k]
+            if since_ns is None:
+                since_ns = self._outside_ns[k] = self._command_ns
+            # A command without a stamp holds for ever.
+            holds = self._command_ns == np.inf or self._command_ns - since_ns >= _OUTSIDE_NS
+            if holds and not self._reported[k]:
+                self._reported[k] = True
+                self._reports.append(
+                    f'policy {self.policy.path.stem} was trained for a {words} of {low:g} to '
+                    f'{high:g} {unit}; {asked:g} is commanded')
 
     def _check(self, sample: Sample) -> None:
         for name, count in (('angle_rad', self._legs), ('speed_radps', self._legs),

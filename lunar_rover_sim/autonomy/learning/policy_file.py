@@ -1,23 +1,24 @@
 """A policy as a file: a small network in ONNX, and metadata that say all a node must know.
 
 The metadata entry `lunar_rover_sim` is JSON; its fields are those of `PolicyCard`. A file whose
-metadata do not fit its network or the package is refused with one line.
+metadata do not fit its network or the package is refused with one line. onnxruntime reads and
+runs it (extra `[policy]`), onnx writes it (extra `[train]`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 import importlib.util
 import json
 from pathlib import Path
 import subprocess
+import tempfile
 from typing import Any
 
 import numpy as np
 
-from lunar_rover_sim.autonomy.learning.onnx_reader import OnnxFile
-from lunar_rover_sim.autonomy.learning.senses import Channel
+from lunar_rover_sim.autonomy.learning.senses import Channel, LIMIT
 from lunar_rover_sim.autonomy.learning.task import Driver, RoverTask, TaskConfig
 from lunar_rover_sim.autonomy.learning.tasks import TASKS
 from lunar_rover_sim.base.errors import LearningError, LunarRoverSimError, nearest, one_line
@@ -26,9 +27,11 @@ from lunar_rover_sim.base.files.paths import check_regular, config_folder
 
 KEY, FORMAT = 'lunar_rover_sim', 1
 MOST_BYTES = 1 << 20
-OPSETS = (13, 21)           # written with 17; that of the oldest and newest runtimes tried
-_OPSET, _IR = 17, 8
+_OPSET, _IR = 17, 8         # which all runtimes since 1.18 read
+_DRAWN = 64                 # observations that a network must answer with numbers
 RUNNABLE = ('walk', 'gait')     # tasks whose driver needs no more than a rover senses
+# What is commanded: its name, its unit, and the option that has the range of the training.
+COMMANDS = (('speed', 'm/s', 'forward_mps'), ('yaw rate', 'rad/s', 'yaw_rate_radps'))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,7 +47,8 @@ class PolicyCard:
         observation: Channels in their order.
         action: Channels in their order.
         decision_hz: Rate of decisions.
-        options: Parameters of the task.
+        options: Parameters of the task; `forward_mps` and `yaw_rate_radps` are the ranges of
+            commands that the policy is offered for.
         algorithm: How it was found.
         decisions: In training.
         seeds: Of the training.
@@ -85,7 +89,7 @@ class PolicyCard:
         """Read the JSON of a file; raise LearningError that names the field that is wrong."""
         try:
             document = json.loads(text)
-        except ValueError:
+        except (ValueError, RecursionError):
             raise LearningError('metadata: not JSON') from None
         fields = {field.name: field for field in dataclasses.fields(cls)}
         if not isinstance(document, dict):
@@ -122,33 +126,29 @@ class Policy:
     Attributes:
         card: What the file says.
         path: The file.
-        runtime: onnxruntime or numpy.
     """
 
-    def __init__(self, path: str | Path, runtime: str | None = None) -> None:
+    def __init__(self, path: str | Path) -> None:
         """Read a file, or the packaged policy of a name.
 
         Args:
             path: The file, or the name.
-            runtime: onnxruntime or numpy; None: onnxruntime where it is installed.
 
         Raises:
-            LearningError: It cannot be read, is damaged, or does not fit itself or the package.
+            LearningError: It cannot be read, is damaged, does not fit itself or the package, or
+                gives no numbers for some observation; or onnxruntime is not installed.
         """
         self.path = policy_path(path)
         content = _content(self.path)
         try:
-            network = OnnxFile.parse(content)
-            self.card = _checked_card(network)
-            self.runtime = runtime or ('onnxruntime' if _has_onnxruntime() else 'numpy')
-            self._run = (_session(content) if self.runtime == 'onnxruntime'
-                         else _layers(network))
-            self._check_shapes()
+            self._run, metadata = _session(content)
+            self.card = _checked_card(metadata)
+            self._check_network()
         except LunarRoverSimError as error:
             raise LearningError(f'{self.path}: {error}') from None
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """Return the action, (n,) within -1 and 1, for an observation."""
+        """Return the action, (n,) within -1 and 1, for an observation; NaN stays NaN."""
         return np.clip(self._run(observation), -1.0, 1.0).astype(float)
 
     def config(self) -> TaskConfig:
@@ -182,18 +182,24 @@ class Policy:
                     raise LearningError(f'{self.path}: {name}: {_words(one)} is not valid; valid '
                                         f'is {_words(other)}')
 
-    def _check_shapes(self) -> None:
-        card = self.card
-        try:
-            action = self._run(np.zeros(len(card.observation), np.float32))
-        except LearningError:
-            raise
-        except Exception as error:      # of the runtime, whose errors have no common class
-            raise LearningError(f'its network does not take {len(card.observation)} numbers, as '
-                                f'its metadata say: {one_line(error)[:200]}') from None
-        if action.shape != (len(card.action),) or not np.isfinite(action).all():
-            raise LearningError(f'its network gives {action.shape} numbers; its metadata say '
-                                f'({len(card.action)},) finite ones')
+    def _check_network(self) -> None:
+        """Run it on zeros and on drawn observations."""
+        card, rng = self.card, np.random.default_rng(0)
+        count = len(card.observation)
+        drawn = [np.zeros(count), *(np.clip(rng.normal(0.0, spread, count), -LIMIT, LIMIT)
+                                    for spread in np.geomspace(0.1, LIMIT, _DRAWN))]
+        for observation in drawn:
+            try:
+                action = np.asarray(self._run(observation))
+            except Exception as error:      # of the runtime, whose errors have no common class
+                raise LearningError(f'its network does not take {count} numbers, as its metadata '
+                                    f'say: {one_line(error)[:200]}') from None
+            if action.shape != (len(card.action),):
+                raise LearningError(f'its network gives {action.shape} numbers; its metadata say '
+                                    f'({len(card.action)},)')
+            if not np.isfinite(action).all():
+                raise LearningError(f'its network gives {action} for drawn observations within '
+                                    f'{LIMIT:g} and -{LIMIT:g}; valid are finite numbers')
 
 
 def policy_names() -> list[str]:
@@ -217,7 +223,7 @@ def policy_path(name_or_path: str | Path) -> Path:
 
 def save_policy(path: Path, layers: Sequence[tuple[np.ndarray, np.ndarray]], task: RoverTask,
                 facts: Mapping[str, Any], squashed: bool = False) -> None:
-    """Write a policy and its card: `PATH.onnx` and `PATH.md`, each whole or not at all.
+    """Write a policy of linear layers and its card: `PATH.onnx` and `PATH.md`.
 
     Args:
         path: Of the file, which ends in .onnx.
@@ -227,39 +233,74 @@ def save_policy(path: Path, layers: Sequence[tuple[np.ndarray, np.ndarray]], tas
         squashed: Whether tanh follows the last layer, too.
 
     Raises:
-        LearningError: The package onnx is missing, the network is too large or does not fit the
-            task, or the file cannot be written.
+        LearningError: As `save_network`.
     """
-    if importlib.util.find_spec('onnx') is None:
-        raise LearningError('onnx: not installed; pip install onnx (extra [train])')
-    import onnx
-    from onnx import helper, numpy_helper
+    onnx = _onnx()
     nodes, weights, last = [], [], 'observation'
     for k, (weight, bias) in enumerate(layers):
-        weights += [numpy_helper.from_array(weight.astype(np.float32), f'weight_{k}'),
-                    numpy_helper.from_array(bias.astype(np.float32), f'bias_{k}')]
+        weights += [onnx.numpy_helper.from_array(weight.astype(np.float32), f'weight_{k}'),
+                    onnx.numpy_helper.from_array(bias.astype(np.float32), f'bias_{k}')]
         end = k == len(layers) - 1 and not squashed
         out = 'action' if end else f'sum_{k}'
-        nodes.append(helper.make_node('Gemm', [last, f'weight_{k}', f'bias_{k}'], [out],
-                                      transB=1))
+        nodes.append(onnx.helper.make_node('Gemm', [last, f'weight_{k}', f'bias_{k}'], [out],
+                                           transB=1))
         if not end:
             last = 'action' if k == len(layers) - 1 else f'layer_{k}'
-            nodes.append(helper.make_node('Tanh', [out], [last]))
+            nodes.append(onnx.helper.make_node('Tanh', [out], [last]))
 
     def numbers(name: str, count: int) -> Any:
-        return helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1, count])
+        return onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1, count])
 
+    graph = onnx.helper.make_graph(
+        nodes, 'policy', [numbers('observation', len(task.channels))],
+        [numbers('action', len(task.actions))], weights)
+    save_network(path, onnx.helper.make_model(
+        graph, opset_imports=[onnx.helper.make_opsetid('', _OPSET)], ir_version=_IR,
+        producer_name='lunar_rover_sim').SerializeToString(), task, facts)
+
+
+def save_network(path: str | Path, content: bytes, task: RoverTask,
+                 facts: Mapping[str, Any]) -> None:
+    """Write any ONNX network as a policy and its card: `PATH.onnx` and `PATH.md`.
+
+    Both are written whole or not at all, and only if `Policy` takes the file.
+
+    Args:
+        path: Of the file, which ends in .onnx.
+        content: An ONNX file whose input is (1, observations) and whose first output is
+            (1, actions), float32, as `task.channels` and `task.actions` have them.
+        task: It was trained on.
+        facts: As `PolicyCard.of` takes them.
+
+    Raises:
+        LearningError: The package onnx is missing, the network is too large, no ONNX or not one
+            for the task, or the file cannot be written.
+    """
+    onnx, path = _onnx(), Path(path)
     card = PolicyCard.of(task, facts)
-    graph = helper.make_graph(nodes, 'policy', [numbers('observation', len(card.observation))],
-                              [numbers('action', len(card.action))], weights)
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid('', _OPSET)],
-                              ir_version=_IR, producer_name='lunar_rover_sim')
-    helper.set_model_props(model, {KEY: card.text()})
+    try:
+        model = onnx.load_from_string(content)
+    except Exception as error:          # of Protocol Buffers, whose errors have no common class
+        raise LearningError(f'{path}: not ONNX: {one_line(error)[:200]}') from None
+    onnx.helper.set_model_props(model, {KEY: card.text()})
     content = model.SerializeToString()
     if len(content) > MOST_BYTES:
         raise LearningError(f'{path}: {len(content)} bytes; valid is up to {MOST_BYTES}')
+    with tempfile.TemporaryDirectory() as folder:
+        tried = Path(folder) / path.name
+        tried.write_bytes(content)
+        Policy(tried)
     atomic_write(path, content, LearningError)
     atomic_write(path.with_suffix('.md'), card_text(card), LearningError)
+
+
+def _onnx() -> Any:
+    if importlib.util.find_spec('onnx') is None:
+        raise LearningError('onnx: not installed; pip install onnx (extra [train])')
+    import onnx
+    import onnx.helper
+    import onnx.numpy_helper
+    return onnx
 
 
 def constant_layers(task: RoverTask, action: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -274,6 +315,9 @@ def card_text(card: PolicyCard) -> str:
              f'{", ".join(map(str, card.seeds))}.',
              f'- Code: commit {card.commit}.',
              f'- Licence: {card.licence}.', f'- Decisions: {card.decision_hz:g} Hz.',
+             *(f'- Trained for a {words} of {low:g} to {high:g} {unit}.'
+               for words, unit, name in COMMANDS if name in card.options
+               for low, high in [card.options[name]]),
              f'- Legs: {", ".join(card.legs)}.', '',
              '| observation | unit | scale |', '|---|---|---|',
              *(f'| {c.name} | {c.unit or "1"} | {c.scale:g} |' for c in card.observation), '',
@@ -283,16 +327,13 @@ def card_text(card: PolicyCard) -> str:
     return '\n'.join(lines)
 
 
-def _checked_card(network: OnnxFile) -> PolicyCard:
-    if KEY not in network.metadata:
+def _checked_card(metadata: Mapping[str, str]) -> PolicyCard:
+    if KEY not in metadata:
         raise LearningError(f'metadata: no entry {KEY}; it is no policy of this package')
-    card = PolicyCard.parse(network.metadata[KEY])
+    card = PolicyCard.parse(metadata[KEY])
     if card.task not in TASKS:
         raise LearningError(f'metadata: task: {card.task!r} is not valid; '
                             f'{nearest(str(card.task), TASKS)}')
-    low, high = OPSETS
-    if not low <= network.opset <= high:
-        raise LearningError(f'opset: {network.opset} is not valid; valid is {low} to {high}')
     return card
 
 
@@ -307,13 +348,9 @@ def _content(path: Path) -> bytes:
         raise LearningError(f'{path}: cannot be read: {error.strerror}') from None
 
 
-def _has_onnxruntime() -> bool:
-    return importlib.util.find_spec('onnxruntime') is not None
-
-
-def _session(content: bytes) -> Any:
-    """Return what runs a network by onnxruntime, on one thread."""
-    if not _has_onnxruntime():
+def _session(content: bytes) -> tuple[Callable[[np.ndarray], np.ndarray], Mapping[str, str]]:
+    """Return what runs a network by onnxruntime, on one thread, and its metadata."""
+    if importlib.util.find_spec('onnxruntime') is None:
         raise LearningError('onnxruntime: not installed; pip install onnxruntime (extra [policy])')
     import onnxruntime
     options = onnxruntime.SessionOptions()
@@ -321,19 +358,13 @@ def _session(content: bytes) -> Any:
     options.log_severity_level = 4
     try:
         session = onnxruntime.InferenceSession(content, options, ['CPUExecutionProvider'])
+        name = session.get_inputs()[0].name
+        metadata = session.get_modelmeta().custom_metadata_map
     except Exception as error:          # of the runtime, whose errors have no common class
-        raise LearningError(f'onnxruntime cannot run it: {one_line(error)[:300]}') from None
-    name = session.get_inputs()[0].name
+        raise LearningError('is damaged, or onnxruntime cannot run it: '
+                            f'{one_line(error)[:300]}') from None
     return lambda observation: session.run(
-        None, {name: np.asarray(observation, np.float32)[None]})[0][0]
-
-
-def _layers(network: OnnxFile) -> Any:
-    unknown = network.unknown()
-    if unknown:
-        raise LearningError(f'{", ".join(unknown)}: needs onnxruntime; pip install onnxruntime '
-                            '(extra [policy])')
-    return network.run
+        None, {name: np.asarray(observation, np.float32)[None]})[0][0], metadata
 
 
 def _words(channel: Channel) -> str:

@@ -24,16 +24,14 @@ DURATION_S = 4.0
 
 @dataclasses.dataclass(frozen=True)
 class TermCheck:
-    """One number of an observation or an action, compared over a walk.
+    """One number of an observation, of the environment and of the node, compared over a walk.
 
     Attributes:
-        kind: observation: environment against node; action: onnxruntime against NumPy.
         name: Of the channel.
         difference: The greatest, of scaled numbers.
         span: Greatest less least number in the environment: a term that never moves is no test.
     """
 
-    kind: str
     name: str
     difference: float
     span: float
@@ -60,41 +58,28 @@ def validate_policy(policy: Policy, duration_s: float = DURATION_S,
     kind = TASKS[policy.card.task][0]
     trained, run = kind(config), kind(config)
     try:
-        seen, actions = _in_environment(trained, policy, seed)
+        seen = _in_environment(trained, policy, seed)
         found = _in_nodes(run, policy, seed, len(seen))
     finally:
         trained.close()
         run.close()
-    checks = [TermCheck('observation', channel.name, float(difference), float(span))
-              for channel, difference, span in zip(
-                  policy.card.observation, np.abs(seen - found).max(axis=0),
-                  np.ptp(seen, axis=0))]
-    if policy.runtime == 'onnxruntime':
-        try:
-            layers = Policy(policy.path, 'numpy')
-        except LearningError:       # it needs onnxruntime, which is installed
-            return checks
-        others = np.array([layers.act(one) for one in seen])
-        checks += [TermCheck('action', channel.name, float(difference), float(span))
-                   for channel, difference, span in zip(
-                       policy.card.action, np.abs(actions - others).max(axis=0),
-                       np.ptp(actions, axis=0))]
-    return checks
+    return [TermCheck(channel.name, float(difference), float(span))
+            for channel, difference, span in zip(
+                policy.card.observation, np.abs(seen - found).max(axis=0), np.ptp(seen, axis=0))]
 
 
-def _in_environment(task: RoverTask, policy: Policy, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (n, channels) observations and (n, actions) of an episode."""
+def _in_environment(task: RoverTask, policy: Policy, seed: int) -> np.ndarray:
+    """Return the (n, channels) observations of an episode."""
     observation = task.reset(np.random.default_rng(seed))
     policy.check(task.driver, task.rover.name, task.rover.legs.names)
-    seen, actions, over = [], [], False
+    seen, over = [], False
     while not over:
         seen.append(observation)
-        actions.append(policy.act(observation))
-        outcome = task.step(actions[-1])
+        outcome = task.step(policy.act(observation))
         if outcome.terminated:
             raise LearningError(f'{policy.path}: its walk ends early: {outcome.reason}')
         observation, over = outcome.observation, outcome.truncated
-    return np.array(seen), np.array(actions)
+    return np.array(seen)
 
 
 def _in_nodes(task: RoverTask, policy: Policy, seed: int, count: int) -> np.ndarray:

@@ -1,5 +1,7 @@
 """The environments: Gymnasium's own checks, exact seeding, endings, and what they refuse."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from lunar_rover_sim.autonomy.learning.tasks import make_task
 from lunar_rover_sim.base.errors import ConfigError, LearningError
 
 gymnasium = pytest.importorskip('gymnasium')
+EXAMPLES = Path(__file__).parents[3] / 'examples/learning'
 SHORT = {'episode_s': 0.6, 'ground': 'highland'}
 NAMES = ('Walk', 'Gait', 'Reach')
 
@@ -124,23 +127,55 @@ def test_legs_follow_a_smoothed_action_with_its_time_constant():
     task.close()
 
 
+def test_standing_returns_less_than_a_random_gait_and_that_less_than_the_packaged(monkeypatch):
+    """On soil, with all randomisation, over the range of commands; the mean of 8 episodes."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    from returns import PACKAGED, RANDOM, returns_of, STANDING
+    standing, random, packaged = (returns_of(walker, 8, ground='highland')
+                                  for walker in (STANDING, RANDOM, PACKAGED))
+    # Pushes and slopes move a standing rover a little.
+    assert np.abs(standing).max() < 0.1
+    assert standing.mean() + 0.2 < random.mean() and random.mean() + 0.2 < packaged.mean()
+
+
+@pytest.mark.parametrize('command, best', [((0.0, 0.0), 'standing'), ((0.06, 0.0), 'packaged'),
+                                           ((0.0, 0.2), 'packaged')])
+def test_commands_near_zero_and_turns_on_the_spot(monkeypatch, command, best):
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    from returns import PACKAGED, returns_of, STANDING
+    standing, packaged = (returns_of(
+        walker, 1, ground='rigid', randomise=False, forward_mps=command[:1] * 2,
+        yaw_rate_radps=command[1:] * 2)[0] for walker in (STANDING, PACKAGED))
+    if best == 'standing':
+        assert standing == pytest.approx(6.0, abs=0.05) and packaged <= standing
+    else:
+        assert standing < 0.01 and packaged > 1.0
+
+
+@pytest.mark.parametrize('name', ['walk', 'gait'])
+def test_a_fall_costs_more_than_standing(name):
+    task = make_task(name, {'ground': 'rigid', 'randomise': False})
+    task.reset(np.random.default_rng(1))
+    task.simulation.move(position_m=task.state.position_m + [0.0, 0.0, 0.3],
+                         orientation_wxyz=[np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0])
+    outcome = task.step(np.zeros(len(task.actions)))
+    task.close()
+    assert outcome.terminated and outcome.reward < -0.9
+
+
 def test_noise_of_smoothed_actions_costs_less_energy():
     """Without smoothing, noise of white actions is paid for and moves no leg."""
-    def mean_reward(smoothing_s):
+    def mean_reward(smoothing_s, noise):
         task = make_task('walk', {'ground': 'rigid', 'randomise': False, 'episode_s': 2.0,
                                   'smoothing_s': smoothing_s})
         task.reset(np.random.default_rng(2))
-        rng, rewards = np.random.default_rng(3), []
-        for _ in range(100):
-            rewards.append(task.step(rng.normal(0.0, noise, 4)).reward)
+        rng = np.random.default_rng(3)
+        rewards = [task.step(rng.normal(0.0, noise, 4)).reward for _ in range(100)]
         task.close()
         return np.mean(rewards)
 
-    noise = 0.0
-    still = mean_reward(0.0)
-    noise = 1.0
-    at_once, smoothed = mean_reward(0.0), mean_reward(0.3)
-    assert still - at_once > 0.03 and abs(still - smoothed) < 0.1 * (still - at_once)
+    still, at_once, smoothed = mean_reward(0.0, 0.0), mean_reward(0.0, 1.0), mean_reward(0.3, 1.0)
+    assert still - at_once > 0.2 * still and abs(still - smoothed) < 0.3 * (still - at_once)
 
 
 def test_a_divergence_ends_the_episode_and_is_counted():

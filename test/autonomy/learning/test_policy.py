@@ -35,25 +35,30 @@ def walk_file(tmp_path_factory):
     return path
 
 
-def test_onnxruntime_and_numpy_run_what_was_written(walk_file):
-    runtime, layers = Policy(walk_file), Policy(walk_file, 'numpy')
-    assert (runtime.runtime, layers.runtime) == ('onnxruntime', 'numpy')
-    rng, actions = np.random.default_rng(1), []
+def test_what_was_written_is_what_acts(walk_file):
+    """Against the layers by NumPy."""
+    policy, rng, actions = Policy(walk_file), np.random.default_rng(1), []
+    task = make_task('walk', {'ground': 'highland'})
+    layers = random_layers(task, np.random.default_rng(3))
     for _ in range(20):
-        observation = rng.normal(size=len(runtime.card.observation)).astype(np.float32)
-        actions.append(runtime.act(observation))
-        np.testing.assert_allclose(layers.act(observation), actions[-1], atol=1e-6)
-        np.testing.assert_array_equal(runtime.act(observation.astype(float)), actions[-1])
+        observation = rng.normal(size=len(policy.card.observation)).astype(np.float32)
+        actions.append(policy.act(observation))
+        here = observation
+        for k, (weight, bias) in enumerate(layers):
+            here = weight @ here + bias if k == len(layers) - 1 else np.tanh(weight @ here + bias)
+        np.testing.assert_allclose(actions[-1], np.clip(here, -1.0, 1.0), atol=1e-5)
     assert np.ptp(actions, axis=0).min() > 0.1
-    assert walk_file.stat().st_size < 1 << 20
-    assert '| spoke_sin/front_left | 1 | 1 |' in walk_file.with_suffix('.md').read_text('utf-8')
+    card = walk_file.with_suffix('.md').read_text('utf-8')
+    assert '| spoke_sin/front_left | 1 | 1 |' in card
+    assert 'Trained for a speed of 0.06 to 0.16 m/s.' in card
 
 
 def test_the_node_sees_what_the_environment_shows(walk_file):
     checks = validate_policy(Policy(walk_file), duration_s=1.0)
-    assert len(checks) == 31 + 4
+    assert len(checks) == 31
     assert [check.name for check in checks if not check.holds] == []
-    assert sum(check.span > 0.01 for check in checks) >= 30
+    # One constant command alone does not move.
+    assert sum(check.span > 0.01 for check in checks) >= 27
 
 
 def test_a_node_that_sees_something_else_is_noticed(walk_file, monkeypatch):
@@ -64,17 +69,23 @@ def test_a_node_that_sees_something_else_is_noticed(walk_file, monkeypatch):
     assert {check.name for check in checks if not check.holds} >= {'rate_x', 'rate_y', 'rate_z'}
 
 
-def changed(path, tmp_path, change, opset=None):
+def changed(path, tmp_path, change):
     """Return a copy of a file whose metadata `change` has changed."""
     model = onnx.load(path)
     document = json.loads(model.metadata_props[0].value)
     change(document)
     onnx.helper.set_model_props(model, {KEY: json.dumps(document)})
-    if opset is not None:
-        model.opset_import[0].version = opset
     copy = tmp_path / 'changed.onnx'
     onnx.save(model, copy)
     return copy
+
+
+def with_nodes(path, tmp_path, name, change):
+    """Return a copy of a file whose network `change(graph, helper)` has changed."""
+    model = onnx.load(path)
+    change(model.graph, onnx.helper)
+    onnx.save(model, tmp_path / name)
+    return tmp_path / name
 
 
 @pytest.mark.parametrize('change, text', [
@@ -112,12 +123,87 @@ def test_damaged_files(walk_file, tmp_path):
         with pytest.raises(LearningError, match='cut.onnx: ') as refused:
             Policy(path)
         assert '\n' not in str(refused.value)
-    with pytest.raises(LearningError, match='opset: 99 is not valid; valid is 13 to 21'):
-        Policy(changed(walk_file, tmp_path, lambda d: None, opset=99))
     with pytest.raises(LearningError, match='no such file'):
         Policy(tmp_path / 'missing.onnx')
     with pytest.raises(LearningError, match='no such policy'):
         Policy('graceful')
+
+
+def test_an_operator_of_another_domain_is_not_run_as_that_of_onnx(walk_file, tmp_path):
+    def change(graph, helper):
+        next(node for node in graph.node if node.op_type == 'Tanh').domain = 'org.example'
+
+    with pytest.raises(LearningError, match='onnxruntime cannot run it') as refused:
+        Policy(with_nodes(walk_file, tmp_path, 'domain.onnx', change))
+    assert '\n' not in str(refused.value)
+
+
+def test_metadata_nested_without_end(walk_file, tmp_path):
+    model = onnx.load(walk_file)
+    for text in ('[' * 200_000, '{"options":' * 50_000):
+        onnx.helper.set_model_props(model, {KEY: text})
+        onnx.save(model, tmp_path / 'deep.onnx')
+        with pytest.raises(LearningError, match='deep.onnx: metadata: not JSON'):
+            Policy(tmp_path / 'deep.onnx')
+
+
+def nan_where(graph, helper, column, low, high):
+    """Let a network give NaN where a number of the observation is within two bounds."""
+    last = graph.node[-1]
+    last.output[0] = 'finite'
+    numbers = {'column': np.array([column]), 'low': np.array([[low]], np.float32),
+               'high': np.array([[high]], np.float32), 'nan': np.array([[np.nan]], np.float32)}
+    graph.initializer.extend(onnx.numpy_helper.from_array(value, name)
+                             for name, value in numbers.items())
+    graph.node.extend([
+        helper.make_node('Gather', ['observation', 'column'], ['one'], axis=1),
+        helper.make_node('Greater', ['one', 'low'], ['above']),
+        helper.make_node('Less', ['one', 'high'], ['below']),
+        helper.make_node('And', ['above', 'below'], ['inside']),
+        helper.make_node('Where', ['inside', 'nan', 'finite'], ['action'])])
+
+
+def test_a_policy_that_gives_nan_on_drawn_observations_does_not_load(walk_file, tmp_path):
+    """On zeros it is finite."""
+    path = with_nodes(walk_file, tmp_path, 'nan.onnx',
+                      lambda graph, helper: nan_where(graph, helper, 9, 1.0, 20.0))
+    with pytest.raises(LearningError, match='gives .*nan.* for drawn observations'):
+        Policy(path)
+
+
+def test_the_first_nan_on_the_way_names_its_stamp(walk_file, tmp_path):
+    """One so rare that no drawn observation meets it: at a forward command of 0.12 m/s."""
+    path = with_nodes(walk_file, tmp_path, 'rare.onnx',
+                      lambda graph, helper: nan_where(graph, helper, 0, 0.5999, 0.6001))
+    controller = PolicyController.load(path, ROVER)
+    controller.set_velocity(0.11, 0.0, 0)
+    controller.update(sample(0))
+    controller.set_velocity(0.12, 0.0, 5_000_000)
+    controller.update(sample(5_000_000))
+    with pytest.raises(LearningError, match=r'rare.onnx: gives .*nan.* at 0.020 s'):
+        controller.update(sample(20_000_000))
+
+
+def test_commands_and_grounds_that_were_not_trained_are_reported_once(walk_file):
+    controller = PolicyController.load(walk_file, ROVER)
+    assert controller.on_ground('highland') == []
+    assert controller.on_ground('rigid') == [
+        'policy walk was trained on highland; here is rigid']
+
+    def reports(forward, yaw_rate, from_s):
+        for k in range(30):
+            controller.set_velocity(forward, yaw_rate, round(1e9 * (from_s + 0.05 * k)))
+        return controller.take_reports()
+
+    # To stand, and what passes within a second, are fine.
+    assert reports(0.12, -0.2, 0.0) == reports(0.0, 0.0, 2.0) == []
+    controller.set_velocity(0.03, 0.0, 4_000_000_000)
+    assert reports(0.06, 0.0, 4.1) == []
+    assert reports(0.12, 0.3, 6.0) == [
+        'policy walk was trained for a yaw rate of -0.2 to 0.2 rad/s; 0.3 is commanded']
+    assert reports(0.12, 0.0, 8.0) == reports(0.12, 0.3, 10.0) == []
+    assert reports(0.2, 0.3, 12.0) == [
+        'policy walk was trained for a speed of 0.06 to 0.16 m/s; 0.2 is commanded']
 
 
 def sample(stamp_ns, **values):
@@ -168,9 +254,8 @@ def test_a_constant_policy_of_gait_agrees_with_its_environment(tmp_path):
     policy = Policy(tmp_path / 'gait.onnx')
     np.testing.assert_allclose(policy.act(np.zeros(22, np.float32)), action, atol=1e-6)
     save_policy(tmp_path / 'tanh.onnx', constant_layers(task, action), task, FACTS, squashed=True)
-    for runtime in ('onnxruntime', 'numpy'):
-        np.testing.assert_allclose(Policy(tmp_path / 'tanh.onnx', runtime).act(
-            np.zeros(22, np.float32)), np.tanh(action), atol=1e-6)
+    np.testing.assert_allclose(Policy(tmp_path / 'tanh.onnx').act(np.zeros(22, np.float32)),
+                               np.tanh(action), atol=1e-6)
     assert all(check.holds for check in validate_policy(policy, duration_s=1.0))
 
 
