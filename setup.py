@@ -85,7 +85,7 @@ setup(
         # Gymnasium environments.
         'learn': ['gymnasium>=1.1'],
         # Training of policies. Take torch from its CPU index first, or it brings CUDA.
-        'train': ['gymnasium>=1.1', 'stable-baselines3>=2.4', 'sb3-contrib>=2.4', 'torch>=2.3',
+        'train': ['gymnasium>=1.1', 'stable-baselines3>=2.4', 'sb3-contrib>=2.4', 'torch>=2.5',
                   'cma>=4', 'onnx>=1.16', 'onnxruntime>=1.18', 'tensorboard', 'tqdm'],
         # Policies: policy_node and `validate policy`.
         'policy': ['onnxruntime>=1.18'],

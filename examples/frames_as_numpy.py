@@ -25,4 +25,6 @@ def main(path: Path) -> int:
 
 
 if __name__ == '__main__':
+    if len(sys.argv) != 2:
+        sys.exit('usage: python examples/frames_as_numpy.py BAG')
     main(Path(sys.argv[1]))

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import sys
 
 import numpy as np
 
 from lunar_rover_sim.autonomy.learning.task import RoverTask
+from lunar_rover_sim.base.errors import LunarRoverSimError
+
+
+def run_main(main: Callable[[], None]) -> None:
+    """Run a script; an error of the package is one line."""
+    try:
+        main()
+    except LunarRoverSimError as error:
+        sys.exit(f'{sys.argv[0]}: {error}')
 
 
 def run_episode(task: RoverTask, act: Callable[[np.ndarray], np.ndarray],

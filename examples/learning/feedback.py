@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.autonomy.learning.task import RoverTask
+from lunar_rover_sim.autonomy.learning.walk import RESIDUAL
+from lunar_rover_sim.base.errors import LearningError
 
 OF_LEG = ('spoke_sin', 'spoke_cos', 'speed', 'torque', 'lead')
 OF_BODY = ('rate_y', 'up_x', 'command_forward')
@@ -23,6 +25,9 @@ def layer(task: RoverTask, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     Legs of one row, from front to rear, have the same numbers, mirrored from left to right.
     """
     legs = task.rover.legs
+    if getattr(task.config, 'action', '') != RESIDUAL:
+        raise LearningError('action: feedback is added to the speeds of a gait; valid is '
+                            f'{RESIDUAL}')
     columns = {channel.name: k for k, channel in enumerate(task.channels)}
     weight, bias = np.zeros((len(legs.names), len(columns))), np.zeros(len(legs.names))
     by_row = np.asarray(numbers).reshape(max(legs.rows()) + 1, -1)

@@ -1,4 +1,4 @@
-"""Returns of `Walk` side by side: standing, random gaits, the packaged gait, and a policy.
+"""Returns side by side: standing, random gaits, the packaged gait, and policies.
 
     python examples/learning/returns.py feedback --grounds highland rigid
 
@@ -14,9 +14,10 @@ from collections.abc import Callable
 import dataclasses
 from typing import Any
 
-from episodes import run_episode
+from episodes import run_episode, run_main
 import numpy as np
 
+from lunar_rover_sim.autonomy.learning.follow import FollowConfig
 from lunar_rover_sim.autonomy.learning.gait_task import gait_of
 from lunar_rover_sim.autonomy.learning.policy_file import Policy
 from lunar_rover_sim.autonomy.learning.tasks import make_task
@@ -25,13 +26,14 @@ from lunar_rover_sim.rover.gait.config import CUSTOM, GaitConfig
 
 FIRST = 90_000          # seed of the first episode
 HIDDEN = (90_000, 99_999)       # seeds of reliefs
+SHARED = {field.name for field in dataclasses.fields(FollowConfig)}
 STANDING, RANDOM, PACKAGED = 'standing', 'random gait', 'packaged'
 
 
 def main() -> None:
     """Print the mean of each walker, its 95 % interval, and the paired test."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('policies', nargs='*', help='packaged policies of Walk, or files')
+    parser.add_argument('policies', nargs='*', help='packaged policies of Walk or Gait, or files')
     parser.add_argument('--grounds', nargs='+', default=['highland', 'rigid'])
     parser.add_argument('--episodes', type=int, default=20)
     args = parser.parse_args()
@@ -51,30 +53,32 @@ def returns_of(walker: str, episodes: int, **options: Any) -> np.ndarray:
                'randomise': {'terrain_seed': HIDDEN}, **options}
     returns = []
     for seed in range(FIRST, FIRST + episodes):
-        own, act = walker_of(walker, seed)
-        task = make_task('walk', {**options, **own})
-        returns.append(run_episode(task, act or (lambda _: np.zeros(len(task.actions))), seed)[0])
+        name, own, act = walker_of(walker, seed)
+        task = make_task(name, {**options, **own})
+        still = np.zeros(len(task.actions))
+        returns.append(run_episode(task, act or (lambda _: still), seed)[0])
         task.close()
     return np.array(returns)
 
 
-def walker_of(walker: str, seed: int) -> tuple[dict[str, Any], Callable[..., np.ndarray] | None]:
-    """Return what a walker sets of the task, and its actions, None for zeros."""
+def walker_of(walker: str, seed: int
+              ) -> tuple[str, dict[str, Any], Callable[..., np.ndarray] | None]:
+    """Return the task of a walker, what it sets of it, and its actions, None for zeros."""
     if walker == PACKAGED:
-        return {}, None
+        return 'walk', {}, None
     if walker == STANDING:
-        return {'action': 'speeds'}, None
+        return 'walk', {'action': 'speeds'}, None
     if walker == RANDOM:
         task = make_task('gait', {})
         drawn = np.random.default_rng((seed, 1)).uniform(-1.0, 1.0, len(task.actions))
         gait, factor = gait_of(drawn, task.actions, dataclasses.replace(
             GaitConfig().for_rover(task.rover), gait=CUSTOM, phase_offsets=(0.0,) * 4))
-        return {'gait': gait.to_mapping(), 'speed_factor': factor}, None
+        return 'walk', {'gait': gait.to_mapping(), 'speed_factor': factor}, None
     policy = Policy(walker)
-    return {name: policy.card.options[name] for name in (
-        'action', 'gait', 'speed_factor', 'residual_radps', 'smoothing_s', 'fastest_radps')
-        }, policy.act
+    own = {name: value for name, value in policy.card.options.items()
+           if name not in SHARED}
+    return policy.card.task, own, policy.act
 
 
 if __name__ == '__main__':
-    main()
+    run_main(main)

@@ -18,7 +18,7 @@ import time
 from typing import Any
 
 import cma
-from episodes import run_episode
+from episodes import run_episode, run_main
 from feedback import count, layer
 import numpy as np
 from rich.progress import track
@@ -102,4 +102,4 @@ def mean_return(task: RoverTask, numbers: np.ndarray, seeds: range) -> float:
 
 
 if __name__ == '__main__':
-    main()
+    run_main(main)

@@ -20,7 +20,7 @@ import time
 from typing import Any
 
 import cma
-from episodes import run_episode
+from episodes import run_episode, run_main
 import numpy as np
 from rich.progress import track
 
@@ -145,4 +145,4 @@ def log(folder: Path, line: dict) -> None:
 
 
 if __name__ == '__main__':
-    main()
+    run_main(main)

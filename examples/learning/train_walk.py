@@ -2,8 +2,8 @@
 
     python examples/learning/train_walk.py -o runs/walk --ground rigid --speed 0.12 --calm
 
-PPO trains the feedback of `feedback.py`, SAC a network; both add to the packaged gait. What PPO
-needs for that is measured by `gradient_step.py`.
+PPO trains the feedback of `feedback.py`, SAC a network; both add to the packaged gait, or with
+`--set action=speeds` SAC gives the speeds of the legs.
 
 Needs `pip install -e '.[train]'`. A run that was stopped goes on where it was. It writes
 `policy.onnx`, its card, and what TensorBoard shows. Training never sees the seeds of the study.
@@ -15,8 +15,9 @@ import argparse
 import json
 from pathlib import Path
 import time
+from typing import Any
 
-from episodes import run_episode
+from episodes import run_episode, run_main
 from feedback_policy import FeedbackPolicy, policy_options
 import numpy as np
 from sb3_vector import Sb3Vector
@@ -24,8 +25,9 @@ from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ProgressBarCallback
 import torch
 from train_gait import tuned
+import yaml
 
-from lunar_rover_sim.autonomy.learning.policy_file import save_policy
+from lunar_rover_sim.autonomy.learning.export import save_sb3
 from lunar_rover_sim.autonomy.learning.tasks import make_task
 
 EVALUATED = tuple(range(20_000, 20_004))     # neither trained on nor hidden
@@ -49,15 +51,15 @@ def main() -> None:
     parser.add_argument('--speed', type=float, metavar='MPS',
                         help='straight on at this speed; by default commands are drawn')
     parser.add_argument('--calm', action='store_true', help='randomise nothing but the relief')
-    parser.add_argument('--set', action='append', default=[], metavar='NAME=NUMBER',
-                        help='a parameter of the task')
+    parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE',
+                        type=assignment, help='a parameter of the task, as YAML')
     parser.add_argument('--seed', type=int, default=1)
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
     options = {'ground': args.ground, 'rover': args.rover, 'smoothing_s': SMOOTHING_S,
                'randomise': not args.calm, **tuned(args.gait, args.rover),
-               **{name: float(value) for name, value in (one.split('=') for one in args.set)}}
+               **dict(args.set)}
     if args.speed is not None:
         options.update(forward_mps=(args.speed, args.speed), yaw_rate_radps=(0.0, 0.0))
     envs = Sb3Vector('Walk', args.envs, **options)
@@ -86,6 +88,17 @@ def main() -> None:
     envs.close()
 
 
+def assignment(text: str) -> tuple[str, Any]:
+    """Return name and value of `NAME=VALUE`."""
+    name, equals, value = text.partition('=')
+    try:
+        if equals:
+            return name.strip(), yaml.safe_load(value)
+    except yaml.YAMLError:
+        pass
+    raise argparse.ArgumentTypeError(f'{text!r} is not NAME=VALUE')
+
+
 class Evaluation(BaseCallback):
     """Evaluates without noise on fixed seeds, and keeps checkpoint and policy."""
 
@@ -112,21 +125,10 @@ class Evaluation(BaseCallback):
             log.write(json.dumps(line) + '\n')
         model.logger.record('evaluation/return', line['return'])
         model.save(self._kept)
-        save_policy(self._args.output / 'policy.onnx', layers_of(model), self.task, {
+        save_sb3(self._args.output / 'policy.onnx', model, self.task, {
             'algorithm': f'{self._args.algorithm.upper()} of Stable-Baselines3',
-            'decisions': int(model.num_timesteps), 'seeds': [self._args.seed]},
-            squashed=isinstance(model, SAC))
-
-
-def layers_of(model: PPO | SAC) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return weights and biases of the network that gives the mean action."""
-    if isinstance(model, PPO):
-        layer = model.policy.action_net.layer().detach().numpy()
-        return [(layer[:, :-1], layer[:, -1])]
-    return [(one.weight.detach().cpu().numpy(), one.bias.detach().cpu().numpy())
-            for one in (*model.actor.latent_pi, model.actor.mu)
-            if isinstance(one, torch.nn.Linear)]
+            'decisions': int(model.num_timesteps), 'seeds': [self._args.seed]})
 
 
 if __name__ == '__main__':
-    main()
+    run_main(main)

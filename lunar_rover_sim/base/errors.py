@@ -38,6 +38,10 @@ class PhysicsError(LunarRoverSimError):
     """The simulation diverged or was asked for something it cannot do."""
 
 
+class GroundLeftError(PhysicsError):
+    """The rover walked over the edge of the ground."""
+
+
 class GaitError(LunarRoverSimError):
     """The gait controller was given something it cannot walk with."""
 

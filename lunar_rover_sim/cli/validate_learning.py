@@ -8,14 +8,26 @@ from pathlib import Path
 import click
 
 from lunar_rover_sim.autonomy.learning.policy_file import Policy, policy_names, policy_path
-from lunar_rover_sim.autonomy.learning.task import GROUNDS as ALL_GROUNDS
+from lunar_rover_sim.autonomy.learning.randomisation import GROUNDS as ALL_GROUNDS
 from lunar_rover_sim.base.errors import ConfigError, StudyError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
-from lunar_rover_sim.judge.studies.learning import (Case, GROUNDS, HIDDEN_SEEDS, PACKAGED,
-                                                    report_text, SETTINGS, SLOPES_DEG, study,
-                                                    WalkStore, write_walks)
+from lunar_rover_sim.judge.studies.learning import (Case, COMMANDS, GROUNDS, HIDDEN_SEEDS,
+                                                    PACKAGED, report_text, SETTINGS, SLOPES_DEG,
+                                                    study, WalkStore, write_walks)
+
+
+def _velocity(text: str) -> tuple[float, float]:
+    """Return the velocity that `MPS,RADPS` names; raise ConfigError for anything else."""
+    try:
+        speed, yaw_rate = (float(part) for part in text.split(','))
+    except ValueError:
+        speed = yaw_rate = -1.0
+    if not (0.0 <= speed <= 1.0 and abs(yaw_rate) <= 1.0 and (speed or yaw_rate)):
+        raise ConfigError(f'--commands: {text} is not valid; valid is MPS,RADPS, a speed of 0 to 1'
+                          ' [m/s] and a yaw rate of -1 to 1 [rad/s], not both 0')
+    return speed, yaw_rate
 
 
 @options.command()
@@ -29,17 +41,20 @@ from lunar_rover_sim.judge.studies.learning import (Case, GROUNDS, HIDDEN_SEEDS,
                  metavar='GROUND...', help=f'of {", ".join(ALL_GROUNDS)}')
 @options.several('--slopes', type=options.number('--slopes', 0.0, 30.0, 'deg'),
                  default=SLOPES_DEG, metavar='DEG...', help='uphill [deg]')
+@options.several('--commands', type=_velocity, default=[f'{v:g},{w:g}' for v, w in COMMANDS],
+                 metavar='MPS,RADPS...', help='speed and yaw rate')
 @options.bounded('--seeds', 1, len(HIDDEN_SEEDS), kind=int, default=len(HIDDEN_SEEDS),
                  help='number of worlds')
 @click.option('--rover', default='quad', metavar='NAME_OR_PATH',
               help='a packaged rover or a rover file')
 @options.workers('processes that walk')
 def learning(policies: Sequence[str], against: str, output: Path, resume: bool,
-             grounds: Sequence[str], slopes: Sequence[float], seeds: int, rover: str,
-             workers: int) -> int:
+             grounds: Sequence[str], slopes: Sequence[float],
+             commands: Sequence[tuple[float, float]], seeds: int, rover: str, workers: int) -> int:
     """Compare policies with the packaged gait on hidden seeds.
 
-    All walk over the same worlds, which no training saw, and are compared in pairs.
+    All walk over the same worlds, which no training saw, by the same commands, and are compared
+    in pairs.
     """
     names = policies or policy_names()
     for policy in names:
@@ -50,8 +65,8 @@ def learning(policies: Sequence[str], against: str, output: Path, resume: bool,
     walker_of = {PACKAGED: PACKAGED, **{
         name: name if name in policy_names() else str(policy_path(name).resolve())
         for name in names}}
-    cases = [Case(walker, ground, slope, seed, rover)
-             for slope in slopes for ground in grounds
+    cases = [Case(walker, ground, slope, seed, rover, *command)
+             for slope in slopes for ground in grounds for command in commands
              for seed in HIDDEN_SEEDS[:seeds] for walker in walker_of.values()]
     store = WalkStore(output, SETTINGS, resume)
     with Progress('walking', len(cases)) as progress:

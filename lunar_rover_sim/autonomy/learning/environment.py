@@ -126,7 +126,7 @@ def as_observed(task: RoverTask, observation: np.ndarray) -> Any:
 def information(task: RoverTask, outcome: Outcome | None = None) -> dict[str, Any]:
     """Return the info of a reset or a step."""
     info: dict[str, Any] = {'privileged': task.privileged()}
-    if outcome is not None and outcome.reason:
-        info['reason'] = outcome.reason
+    if outcome is not None and outcome.ending is not None:
+        info['reason'] = outcome.ending.words
         info['endings'] = dict(task.counts)
     return info

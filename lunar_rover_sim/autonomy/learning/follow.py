@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
-from lunar_rover_sim.autonomy.learning.randomisation import check_ranges
-from lunar_rover_sim.autonomy.learning.task import even, RoverTask, TaskConfig
+from lunar_rover_sim.autonomy.learning.randomisation import check_ranges, even
+from lunar_rover_sim.autonomy.learning.task import RoverTask, TaskConfig
 from lunar_rover_sim.base.parameters import param
 from lunar_rover_sim.rover.physics.state import RoverState
 
@@ -74,7 +74,7 @@ class FollowTask(RoverTask):
         self._time_s += interval_s
 
     def reward(self) -> float:
-        """Return the reward of the decision that is over, and draw the next command in its time."""
+        """Return the reward of the decision that is over; draw the next command in its time."""
         c, (forward, yaw_rate, power_w, shaking) = self.config, self._judged.tolist()
         asked_mps, asked_radps = self._commanded
         asked = max(math.hypot(asked_mps, c.yaw_lever_m * asked_radps), c.least_mps)

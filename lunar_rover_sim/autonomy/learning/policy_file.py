@@ -21,7 +21,8 @@ import numpy as np
 from lunar_rover_sim.autonomy.learning.senses import Channel, LIMIT
 from lunar_rover_sim.autonomy.learning.task import Driver, RoverTask, TaskConfig
 from lunar_rover_sim.autonomy.learning.tasks import TASKS
-from lunar_rover_sim.base.errors import LearningError, LunarRoverSimError, nearest, one_line
+from lunar_rover_sim.base.errors import (LearningError, LunarRoverSimError, nearest, one_line,
+                                         with_extra)
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import check_regular, config_folder
 
@@ -222,7 +223,7 @@ def policy_path(name_or_path: str | Path) -> Path:
 
 
 def save_policy(path: Path, layers: Sequence[tuple[np.ndarray, np.ndarray]], task: RoverTask,
-                facts: Mapping[str, Any], squashed: bool = False) -> None:
+                facts: Mapping[str, Any]) -> None:
     """Write a policy of linear layers and its card: `PATH.onnx` and `PATH.md`.
 
     Args:
@@ -230,7 +231,6 @@ def save_policy(path: Path, layers: Sequence[tuple[np.ndarray, np.ndarray]], tas
         layers: Weights (out, in) and biases (out,) of each; between them is tanh.
         task: It was trained on.
         facts: As `PolicyCard.of` takes them.
-        squashed: Whether tanh follows the last layer, too.
 
     Raises:
         LearningError: As `save_network`.
@@ -240,12 +240,11 @@ def save_policy(path: Path, layers: Sequence[tuple[np.ndarray, np.ndarray]], tas
     for k, (weight, bias) in enumerate(layers):
         weights += [onnx.numpy_helper.from_array(weight.astype(np.float32), f'weight_{k}'),
                     onnx.numpy_helper.from_array(bias.astype(np.float32), f'bias_{k}')]
-        end = k == len(layers) - 1 and not squashed
-        out = 'action' if end else f'sum_{k}'
+        out = 'action' if k == len(layers) - 1 else f'sum_{k}'
         nodes.append(onnx.helper.make_node('Gemm', [last, f'weight_{k}', f'bias_{k}'], [out],
                                            transB=1))
-        if not end:
-            last = 'action' if k == len(layers) - 1 else f'layer_{k}'
+        if out != 'action':
+            last = f'layer_{k}'
             nodes.append(onnx.helper.make_node('Tanh', [out], [last]))
 
     def numbers(name: str, count: int) -> Any:
@@ -296,7 +295,7 @@ def save_network(path: str | Path, content: bytes, task: RoverTask,
 
 def _onnx() -> Any:
     if importlib.util.find_spec('onnx') is None:
-        raise LearningError('onnx: not installed; pip install onnx (extra [train])')
+        raise LearningError(f'onnx: not installed; {with_extra("train")}')
     import onnx
     import onnx.helper
     import onnx.numpy_helper
@@ -351,7 +350,7 @@ def _content(path: Path) -> bytes:
 def _session(content: bytes) -> tuple[Callable[[np.ndarray], np.ndarray], Mapping[str, str]]:
     """Return what runs a network by onnxruntime, on one thread, and its metadata."""
     if importlib.util.find_spec('onnxruntime') is None:
-        raise LearningError('onnxruntime: not installed; pip install onnxruntime (extra [policy])')
+        raise LearningError(f'onnxruntime: not installed; {with_extra("policy")}')
     import onnxruntime
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1

@@ -1,15 +1,30 @@
-"""Differences between episodes: one dataclass of ranges, and one draw of them."""
+"""Differences between episodes: one dataclass of ranges, one draw of them, and their ground."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
+import functools
+import math
+from typing import Any
 
 import numpy as np
 
+from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.errors import ConfigError
-from lunar_rover_sim.base.parameters import param, Parameters
+from lunar_rover_sim.base.parameters import nearest, param, Parameters
+from lunar_rover_sim.ground.regolith.config import GroundConfig, REGOLITH, RIGID
+from lunar_rover_sim.ground.regolith.soil import PRESETS
+from lunar_rover_sim.ground.world.build import build_world
+from lunar_rover_sim.ground.world.config import (CraterConfig, RockConfig, SurroundingsConfig,
+                                                 WorldConfig)
+from lunar_rover_sim.ground.world.grid import HeightGrid
+from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
 
+GROUNDS = (RIGID, *PRESETS)
+SETTLE_S = 0.5
 MOST_DELAY = 3
 
 
@@ -26,6 +41,12 @@ def check_ranges(parameters: Parameters, *names: str) -> None:
         if low > high:
             raise ConfigError(f'{name}: [{low:g}, {high:g}] is not valid; valid is the least value'
                               ' first')
+
+
+def even(rng: np.random.Generator, between: Sequence[float]) -> float:
+    """Return a number drawn evenly from a range, least and greatest."""
+    low, high = between
+    return float(rng.uniform(low, high))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,18 +97,17 @@ class Randomisation(Parameters):
 
     def draw(self, rng: np.random.Generator) -> Conditions:
         """Return the conditions of one episode."""
-        def even(name: str) -> float:
-            low, high = getattr(self, name)
-            return float(rng.uniform(low, high))
+        def drawn(name: str) -> float:
+            return even(rng, getattr(self, name))
 
         def factor(name: str) -> float:
             low, high = getattr(self, name)
             return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
         return Conditions(
-            int(rng.integers(self.terrain_seed[0], self.terrain_seed[1] + 1)), even('slope_deg'),
-            even('slope_azimuth_deg'), factor('friction_factor'), factor('bearing_factor'),
-            factor('mass_factor'), (even('com_m'), even('com_m')), factor('torque_factor'),
+            int(rng.integers(self.terrain_seed[0], self.terrain_seed[1] + 1)), drawn('slope_deg'),
+            drawn('slope_azimuth_deg'), factor('friction_factor'), factor('bearing_factor'),
+            factor('mass_factor'), (drawn('com_m'), drawn('com_m')), factor('torque_factor'),
             factor('gear_friction_factor'),
             int(rng.integers(self.delay[0], self.delay[1] + 1)))
 
@@ -120,3 +140,61 @@ class Conditions:
                 motor, stall_torque_nm=motor.stall_torque_nm * self.torque_factor,
                 current_limit_a=motor.current_limit_a * self.torque_factor,
                 coulomb_friction_nm=motor.coulomb_friction_nm * self.gear_friction_factor))
+
+
+def physics_of(ground: str, conditions: Conditions | None = None) -> PhysicsConfig:
+    """Return the physics on a ground by its name, rigid or a soil, under conditions."""
+    if ground not in GROUNDS:
+        raise ConfigError(f'ground: {brief(ground)} is not valid; {nearest(str(ground), GROUNDS)}')
+    physics = PhysicsConfig(start=StartPose(settle_s=SETTLE_S))
+    friction, bearing = (1.0, 1.0) if conditions is None else (conditions.friction_factor,
+                                                               conditions.bearing_factor)
+    if ground == RIGID:
+        contact = physics.contact
+        return dataclasses.replace(physics, contact=dataclasses.replace(
+            contact, sliding_friction=contact.sliding_friction * friction))
+    soil = GroundConfig(model=REGOLITH, preset=ground)
+    if friction != 1.0 or bearing != 1.0:
+        preset = PRESETS[ground]
+        soil = dataclasses.replace(soil, friction=preset.friction * friction,
+                                   bearing_mnpm3=1e-6 * preset.zeta_npm3 * bearing)
+    return dataclasses.replace(physics, ground=soil)
+
+
+def terrain(seed: int, size_m: float, obstacles: bool, slope_deg: float = 0.0,
+            azimuth_deg: float = 0.0) -> World:
+    """Return the ground of an episode: the relief of regolith on a slope, with its own rocks.
+
+    Args:
+        seed: Of the relief.
+        size_m: Side length.
+        obstacles: Whether there are craters and rocks.
+        slope_deg: Of the plane that is added.
+        azimuth_deg: Direction upwards, from x towards y.
+    """
+    world = _relief(seed, size_m, obstacles)
+    if slope_deg == 0.0:
+        return world
+    ground = world.ground
+    axis = (np.arange(ground.n) - 0.5 * (ground.n - 1)) * ground.cell_m
+    rise, angle = math.tan(math.radians(slope_deg)), math.radians(azimuth_deg)
+
+    def raised(x: Any, y: Any) -> Any:
+        return rise * (math.cos(angle) * x + math.sin(angle) * y)
+
+    heights = (ground.heights_m + raised(axis, axis[:, None])).astype(np.float32)
+    rocks = world.rocks
+    position = rocks.position_m.copy()
+    position[:, 2] += raised(position[:, 0], position[:, 1])
+    return dataclasses.replace(world, levels=(HeightGrid(heights, ground.cell_m),),
+                               rocks=dataclasses.replace(rocks, position_m=position))
+
+
+@functools.lru_cache(maxsize=48)
+def _relief(seed: int, size_m: float, obstacles: bool) -> World:
+    config = WorldConfig(size_m=size_m,
+                         surroundings=SurroundingsConfig(extent_m=2.0 * size_m, samples=65))
+    if not obstacles:
+        config = dataclasses.replace(config, craters=CraterConfig(density=0.0),
+                                     rocks=RockConfig(abundance=0.0))
+    return build_world(config, seed)

@@ -12,9 +12,9 @@ import math
 
 import numpy as np
 
-from lunar_rover_sim.autonomy.learning.randomisation import check_ranges
+from lunar_rover_sim.autonomy.learning.randomisation import check_ranges, even
 from lunar_rover_sim.autonomy.learning.senses import Channel, Sample, scaled, Upright
-from lunar_rover_sim.autonomy.learning.task import Driver, even, RoverTask, TaskConfig
+from lunar_rover_sim.autonomy.learning.task import Driver, Ending, RoverTask, TaskConfig
 from lunar_rover_sim.autonomy.navigation.config import MapConfig, TRUTH
 from lunar_rover_sim.autonomy.navigation.elevation_map import Elevation, ElevationMap
 from lunar_rover_sim.base.frames import Array, rpy_from_wxyz
@@ -31,7 +31,7 @@ from lunar_rover_sim.rover.physics.state import RoverState
 # Cells of the elevation, in base axes [m].
 AHEAD_M = tuple(round(-0.3 + 0.15 * k, 2) for k in range(11))
 ASIDE_M = tuple(round(-0.6 + 0.15 * k, 2) for k in range(9))
-REACHED = 'reached'
+REACHED = Ending('reached', 'reached', failed=False)
 SEEN = 'seen'
 
 
@@ -153,16 +153,9 @@ class Reach(RoverTask):
         self._distance_m, self._energy_j, self._time_s = distance, 0.0, 0.0
         return total
 
-    def ending(self) -> str:
+    def ending(self) -> Ending | None:
         """Return whether the goal is reached."""
-        if self._now_m() >= self.config.reached_m:
-            return ''
-        self.counts[REACHED] += 1
-        return REACHED
-
-    def failed(self, reason: str) -> bool:
-        """Return whether an ending is a failure: the goal is none."""
-        return reason not in ('', REACHED)
+        return REACHED if self._now_m() < self.config.reached_m else None
 
     def observation(self) -> np.ndarray:
         """Return what a policy sees now, scaled."""

@@ -11,36 +11,27 @@ import abc
 import collections
 from collections.abc import Sequence
 import dataclasses
-import functools
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lunar_rover_sim.autonomy.learning.randomisation import Conditions, Randomisation
+from lunar_rover_sim.autonomy.learning.randomisation import (Conditions, even, GROUNDS, physics_of,
+                                                             Randomisation, terrain)
 from lunar_rover_sim.autonomy.learning.senses import Channel, of_legs, Sample, scaled
 from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError, LearningError, PhysicsError
+from lunar_rover_sim.base.errors import ConfigError, GroundLeftError, LearningError, PhysicsError
 from lunar_rover_sim.base.frames import Array, tilt_deg
-from lunar_rover_sim.base.parameters import group, nearest, param, Parameters
-from lunar_rover_sim.ground.regolith.config import GroundConfig, REGOLITH, RIGID
-from lunar_rover_sim.ground.regolith.soil import PRESETS
-from lunar_rover_sim.ground.world.build import build_world
-from lunar_rover_sim.ground.world.config import (CraterConfig, RockConfig, SurroundingsConfig,
-                                                 WorldConfig)
-from lunar_rover_sim.ground.world.grid import HeightGrid
+from lunar_rover_sim.base.parameters import group, param, Parameters
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.rover.description import DEFAULT_ROVER
-from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
 
-GROUNDS = (RIGID, *PRESETS)
 STATE_HZ = 200          # of the messages of physics_node
-SETTLE_S = 0.5
 FALLEN_DEG = 60.0       # tilt at which an episode ends
 PUSH_S = 0.2
 _PLACES = 8             # most draws of conditions until the rover stands
@@ -61,6 +52,20 @@ class TaskConfig(Parameters):
     randomise: Randomisation = group(Randomisation)
 
 
+class Ending(NamedTuple):
+    """Why an episode ended before its time was over.
+
+    Attributes:
+        kind: By which endings are counted.
+        words: What happened.
+        failed: Whether it is a failure.
+    """
+
+    kind: str
+    words: str
+    failed: bool = True
+
+
 @dataclasses.dataclass(frozen=True)
 class Outcome:
     """What a step gives.
@@ -68,16 +73,19 @@ class Outcome:
     Attributes:
         observation: Scaled, of the task's channels.
         reward: Of the step.
-        terminated: Whether the episode ended by `reason`.
+        ending: Why the episode ended; None where it did not, or where its time is over.
         truncated: Whether its time is over.
-        reason: Why it ended; '' where it did not.
     """
 
     observation: np.ndarray
     reward: float
-    terminated: bool
+    ending: Ending | None
     truncated: bool
-    reason: str
+
+    @property
+    def terminated(self) -> bool:
+        """Whether the episode ended before its time was over."""
+        return self.ending is not None
 
 
 class Driver(abc.ABC):
@@ -168,13 +176,9 @@ class RoverTask(abc.ABC):
         """The velocity that is asked for: forward [m/s] and yaw rate [rad/s]."""
         return 0.0, 0.0
 
-    def ending(self) -> str:
-        """Return why the episode ends now, beside a fall, or ''."""
-        return ''
-
-    def failed(self, reason: str) -> bool:
-        """Return whether an ending, '' for none, is a failure."""
-        return bool(reason)
+    def ending(self) -> Ending | None:
+        """Return why the episode ends now, beside a fall."""
+        return None
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -239,7 +243,6 @@ class RoverTask(abc.ABC):
         step_ns = simulation.config.step_ns
         state_steps = 1_000_000_000 // STATE_HZ // step_ns
         steps = self.driver.follow_ns // step_ns
-        reason = ''
         try:
             for _ in range(self.driver.decision_ns // self.driver.follow_ns):
                 simulation.command(self.driver.legs()[0])
@@ -249,15 +252,18 @@ class RoverTask(abc.ABC):
                               (steps - state_steps) * step_ns * 1e-9)
                 self._see(simulation.advance(state_steps), state_steps * step_ns * 1e-9)
                 self.driver.feel(Sample.of(self.state, self._noise))
+            ending = self._fallen() or self.ending()
+        except GroundLeftError as error:
+            ending = Ending('left', str(error))
         except PhysicsError as error:
-            reason = str(error)
-            self.counts['left' if 'left the ground' in reason else 'diverged'] += 1
-        else:
-            reason = self._fallen() or self.ending()
+            ending = Ending('diverged', str(error))
         over = self.state.stamp_ns * 1e-9 >= self.config.episode_s - 1e-9
         # The reward may draw the next command, which the observation shows.
-        reward = self.reward() - (self.config.failure_cost if self.failed(reason) else 0.0)
-        return Outcome(self.observation(), reward, bool(reason), over and not reason, reason)
+        reward = self.reward()
+        if ending is not None:
+            self.counts[ending.kind] += 1
+            reward -= self.config.failure_cost if ending.failed else 0.0
+        return Outcome(self.observation(), reward, ending, over and ending is None)
 
     def privileged(self) -> np.ndarray:
         """Return what no rover measures, scaled: soil, slip, sinkage, true motion."""
@@ -290,16 +296,14 @@ class RoverTask(abc.ABC):
         self.state = state
         self.watch(state, interval_s)
 
-    def _fallen(self) -> str:
+    def _fallen(self) -> Ending | None:
         tilt = float(tilt_deg(self.state.orientation_wxyz))
         contact = self._simulation.ground_contact
         if tilt > FALLEN_DEG:
-            self.counts['fallen'] += 1
-            return f'fallen: tilted by {tilt:.0f} deg'
+            return Ending('fallen', f'fallen: tilted by {tilt:.0f} deg')
         if contact is not None and contact.dug_in:
-            self.counts['dug in'] += 1
-            return 'dug in: two legs are in the ground'
-        return ''
+            return Ending('dug in', 'dug in: two legs are in the ground')
+        return None
 
     def _build(self, conditions: Conditions) -> None:
         config = self.config
@@ -327,12 +331,6 @@ class RoverTask(abc.ABC):
             self._push_until_s = math.inf
 
 
-def even(rng: np.random.Generator, between: Sequence[float]) -> float:
-    """Return a number drawn evenly from a range, least and greatest."""
-    low, high = between
-    return float(rng.uniform(low, high))
-
-
 def checked_action(action: ArrayLike, actions: Sequence[Channel]) -> Array:
     """Return an action as (n,) numbers cut off at -1 and 1.
 
@@ -347,61 +345,3 @@ def checked_action(action: ArrayLike, actions: Sequence[Channel]) -> Array:
         raise LearningError(f'action: {brief(action)} is not valid; valid are {len(actions)} '
                             f'finite numbers of -1 to 1: {actions[0].name} to {actions[-1].name}')
     return np.minimum(np.maximum(values, -1.0), 1.0)
-
-
-def physics_of(ground: str, conditions: Conditions | None = None) -> PhysicsConfig:
-    """Return the physics on a ground by its name, rigid or a soil, under conditions."""
-    if ground not in GROUNDS:
-        raise ConfigError(f'ground: {brief(ground)} is not valid; {nearest(str(ground), GROUNDS)}')
-    physics = PhysicsConfig(start=StartPose(settle_s=SETTLE_S))
-    friction, bearing = (1.0, 1.0) if conditions is None else (conditions.friction_factor,
-                                                               conditions.bearing_factor)
-    if ground == RIGID:
-        contact = physics.contact
-        return dataclasses.replace(physics, contact=dataclasses.replace(
-            contact, sliding_friction=contact.sliding_friction * friction))
-    soil = GroundConfig(model=REGOLITH, preset=ground)
-    if friction != 1.0 or bearing != 1.0:
-        preset = PRESETS[ground]
-        soil = dataclasses.replace(soil, friction=preset.friction * friction,
-                                   bearing_mnpm3=1e-6 * preset.zeta_npm3 * bearing)
-    return dataclasses.replace(physics, ground=soil)
-
-
-def terrain(seed: int, size_m: float, obstacles: bool, slope_deg: float = 0.0,
-            azimuth_deg: float = 0.0) -> World:
-    """Return the ground of an episode: the relief of regolith on a slope, with its own rocks.
-
-    Args:
-        seed: Of the relief.
-        size_m: Side length.
-        obstacles: Whether there are craters and rocks.
-        slope_deg: Of the plane that is added.
-        azimuth_deg: Direction upwards, from x towards y.
-    """
-    world = _relief(seed, size_m, obstacles)
-    if slope_deg == 0.0:
-        return world
-    ground = world.ground
-    axis = (np.arange(ground.n) - 0.5 * (ground.n - 1)) * ground.cell_m
-    rise, angle = math.tan(math.radians(slope_deg)), math.radians(azimuth_deg)
-
-    def raised(x: Any, y: Any) -> Any:
-        return rise * (math.cos(angle) * x + math.sin(angle) * y)
-
-    heights = (ground.heights_m + raised(axis, axis[:, None])).astype(np.float32)
-    rocks = world.rocks
-    position = rocks.position_m.copy()
-    position[:, 2] += raised(position[:, 0], position[:, 1])
-    return dataclasses.replace(world, levels=(HeightGrid(heights, ground.cell_m),),
-                               rocks=dataclasses.replace(rocks, position_m=position))
-
-
-@functools.lru_cache(maxsize=48)
-def _relief(seed: int, size_m: float, obstacles: bool) -> World:
-    config = WorldConfig(size_m=size_m,
-                         surroundings=SurroundingsConfig(extent_m=2.0 * size_m, samples=65))
-    if not obstacles:
-        config = dataclasses.replace(config, craters=CraterConfig(density=0.0),
-                                     rocks=RockConfig(abundance=0.0))
-    return build_world(config, seed)

@@ -76,8 +76,8 @@ def _in_environment(task: RoverTask, policy: Policy, seed: int) -> np.ndarray:
     while not over:
         seen.append(observation)
         outcome = task.step(policy.act(observation))
-        if outcome.terminated:
-            raise LearningError(f'{policy.path}: its walk ends early: {outcome.reason}')
+        if outcome.ending is not None:
+            raise LearningError(f'{policy.path}: its walk ends early: {outcome.ending.words}')
         observation, over = outcome.observation, outcome.truncated
     return np.array(seen)
 

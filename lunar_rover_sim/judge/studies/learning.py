@@ -1,7 +1,7 @@
 """The learning study: policies held against the packaged gait on seeds that no training saw.
 
-Each walker follows a velocity command straight on and uphill over the relief of regolith, as the
-nodes would make it walk: a state every 5 ms, each answered. All walkers have the same worlds.
+Each walker follows one velocity command over the relief of regolith, as the nodes would make it
+walk: a state every 5 ms, each answered. All walkers have the same worlds and commands.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from lunar_rover_sim.autonomy.learning.controller import PolicyController
+from lunar_rover_sim.autonomy.learning.follow import FollowConfig
 from lunar_rover_sim.autonomy.learning.policy_file import policy_path
+from lunar_rover_sim.autonomy.learning.randomisation import physics_of, terrain
 from lunar_rover_sim.autonomy.learning.senses import Sample
-from lunar_rover_sim.autonomy.learning.task import FALLEN_DEG, physics_of, STATE_HZ, terrain
+from lunar_rover_sim.autonomy.learning.task import FALLEN_DEG, STATE_HZ
 from lunar_rover_sim.base.errors import ConfigError, PhysicsError, StudyError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import check_regular
@@ -42,11 +44,14 @@ PACKAGED = 'packaged'
 GROUNDS, SLOPES_DEG = ('rigid', 'highland', 'highland_loose'), (0.0, 8.0)
 # Of reliefs; training draws its seeds below 10,000 and is watched on some of 20,000.
 HIDDEN_SEEDS = tuple(range(90_000, 90_020))
-SPEED_MPS, SKIP_S, DURATION_S = 0.12, 3.0, 9.0
+# Forward [m/s] and yaw rate [rad/s]: over the range that packaged policies are offered for.
+COMMANDS = ((0.12, 0.0), (0.06, 0.0), (0.16, 0.0), (0.12, 0.15), (0.12, -0.15))
+SKIP_S, DURATION_S = 3.0, 9.0
 FRAME_HZ = 20.0         # of the constant-velocity tracker
-SETTINGS = f'{SPEED_MPS:g} m/s, {DURATION_S:g} s of which {SKIP_S:g} s are not judged\n'
+SETTINGS = f'{DURATION_S:g} s of which {SKIP_S:g} s are not judged\n'
 _SLIP_EVERY = 4         # states
-_STUCK = 0.1            # share of the commanded way below which a rover is stuck
+_STUCK = 0.1            # share of the commanded speed below which a rover is stuck
+_LEVER_M = FollowConfig().yaw_lever_m
 _SIZE_M = 12.8
 WALKED = 'walked'
 LEAST_P = 1e-3          # that is told as it is
@@ -63,6 +68,8 @@ class Case:
         slope_deg: Uphill.
         seed: Of the relief.
         rover: Its name or file.
+        forward_mps: Commanded speed.
+        yaw_rate_radps: Commanded yaw rate.
     """
 
     walker: str
@@ -70,6 +77,8 @@ class Case:
     slope_deg: float
     seed: int
     rover: str = 'quad'
+    forward_mps: float = COMMANDS[0][0]
+    yaw_rate_radps: float = COMMANDS[0][1]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,9 +87,9 @@ class PolicyWalk:
 
     Attributes:
         outcome: walked, stuck, dug in, fallen, or the error of the simulation.
-        speed_mps: Along the course.
-        tracking_error: Of the speed, as a share of the commanded one.
-        drift_mps: Across the course.
+        speed_mps: Forward, in the mean.
+        turned_radps: Yaw rate, in the mean.
+        tracking_error: Share of the commanded velocity that is missed, as `Walk` judges it.
         transport: Electric energy over weight times way, NaN where it does not get on.
         slip: Of all feet.
         pitch_rate_rms_radps: About the y axis of the base.
@@ -90,8 +99,8 @@ class PolicyWalk:
     case: Case
     outcome: str
     speed_mps: float = _NAN
+    turned_radps: float = _NAN
     tracking_error: float = _NAN
-    drift_mps: float = _NAN
     transport: float = _NAN
     slip: float = _NAN
     pitch_rate_rms_radps: float = _NAN
@@ -122,11 +131,11 @@ def answer_of(case: Case, rover: RoverDescription) -> Callable[[Sample], LegComm
         gait = GaitConfig().for_rover(rover)
         controller = GaitController(gait, GaitCalibration.of(gait, case.ground, rover.name),
                                     rover.legs)
-        controller.set_velocity(SPEED_MPS, 0.0)
+        controller.set_velocity(case.forward_mps, case.yaw_rate_radps)
         return lambda sample: controller.update(sample.stamp_ns, sample.angle_rad,
                                                 sample.speed_radps)
     policy = PolicyController.load(case.walker, rover)
-    policy.set_velocity(SPEED_MPS, 0.0)
+    policy.set_velocity(case.forward_mps, case.yaw_rate_radps)
     return policy.update
 
 
@@ -165,7 +174,7 @@ def _file_name(case: Case) -> str:
         check_regular(path, StudyError)
         digest = '_' + hashlib.sha256(path.read_bytes()).hexdigest()[:12]
     return (f'{Path(case.walker).stem}{digest}_{Path(case.rover).stem}_{case.ground}_'
-            f'{case.slope_deg:g}_{case.seed}')
+            f'{case.slope_deg:g}_{case.forward_mps:g}_{case.yaw_rate_radps:g}_{case.seed}')
 
 
 def write_walks(path: Path, walks: Sequence[PolicyWalk]) -> None:
@@ -177,14 +186,14 @@ def write_walks(path: Path, walks: Sequence[PolicyWalk]) -> None:
 
 
 def report_text(walks: Sequence[PolicyWalk], against: str = PACKAGED) -> str:
-    """Return tables of all grounds and slopes: means, and each walker against one of them.
+    """Return tables of all grounds, slopes and commands: each walker against one of them.
 
     Differences are those of medians of pairs; p and effect (rank-biserial) of Wilcoxon's test.
     """
     lines = ['Means with 95 % bootstrap intervals. p and effect are of the paired test against '
              f'{Path(against).stem} on the same worlds; an effect of -1 is lower in every world.']
-    for ground, slope in dict.fromkeys((one.case.ground, one.case.slope_deg) for one in walks):
-        here = [one for one in walks if (one.case.ground, one.case.slope_deg) == (ground, slope)]
+    for place in dict.fromkeys(map(_place, walks)):
+        here = [one for one in walks if _place(one) == place]
         by_walker = {name: sorted((one for one in here if one.case.walker == name),
                                   key=lambda one: one.case.seed)
                      for name in dict.fromkeys(one.case.walker for one in here)}
@@ -205,9 +214,15 @@ def report_text(walks: Sequence[PolicyWalk], against: str = PACKAGED) -> str:
                     cell += f'; p {shown}, {compared.effect:+.2f}'
                 cells.append(cell)
             rows.append(cells)
-        lines += ['', f'## {ground}, {slope:g}° uphill', '', *markdown_table(
+        lines += ['', f'## {place}', '', *markdown_table(
             ('walker', 'walked', *(title for title, _ in QUANTITIES.values())), rows)]
     return '\n'.join([*lines, ''])
+
+
+def _place(walked: PolicyWalk) -> str:
+    case = walked.case
+    return (f'{case.ground}, {case.slope_deg:g}° uphill, {case.forward_mps:g} m/s'
+            + (f', {case.yaw_rate_radps:g} rad/s' if case.yaw_rate_radps else ''))
 
 
 def _measured(case: Case, simulation: Simulation,
@@ -215,18 +230,19 @@ def _measured(case: Case, simulation: Simulation,
     rover, config = simulation.rover, simulation.config
     period_s, steps = 1.0 / STATE_HZ, 1_000_000_000 // STATE_HZ // config.step_ns
     noise = ImuNoise(ImuConfig(), STATE_HZ, np.random.default_rng(case.seed))
-    feet, poses, energy_j, pitch = SlipMeter(len(rover.legs.each)), [], 0.0, 0.0
+    feet, poses = SlipMeter(len(rover.legs.each)), []
+    energy_j = pitch = way_m = turned_rad = 0.0
     every = round(STATE_HZ / FRAME_HZ)
-    state, begin, outcome = simulation.state, simulation.state, WALKED
+    state, outcome = simulation.state, WALKED
     first, last = round(SKIP_S * STATE_HZ), round(DURATION_S * STATE_HZ)
     for k in range(1, last + 1):
         simulation.command(answer(Sample.of(state, noise)).velocity_radps)
         state = simulation.advance(steps)
         if float(tilt_deg(state.orientation_wxyz)) > FALLEN_DEG:
             return PolicyWalk(case, 'fallen')
-        if k == first:
-            begin = state
-        elif k > first:
+        if k > first:
+            way_m += period_s * float(state.linear_velocity_mps[0])
+            turned_rad += period_s * float(state.angular_velocity_radps[2])
             energy_j += period_s * rover.motor.drawn_w(state.motor_torque_nm,
                                                        state.joint_velocity_radps)
             pitch += float(state.angular_velocity_radps[1]) ** 2
@@ -235,18 +251,18 @@ def _measured(case: Case, simulation: Simulation,
         if k >= first and k % every == 0:
             poses.append(state.T_world_base)
     time_s = (last - first) * period_s
-    way = state.position_m - begin.position_m
-    uphill = math.cos(math.radians(case.slope_deg))
-    distance, drift = float(way[0]) / uphill, float(way[1])
-    if distance < _STUCK * SPEED_MPS * time_s:
+    speed, turned = way_m / time_s, turned_rad / time_s
+    if case.forward_mps > 0.0 and speed < _STUCK * case.forward_mps:
         outcome = 'stuck'
     if simulation.ground_contact is not None and simulation.ground_contact.dug_in:
         outcome = 'dug in'
     weight_n = rover.total_mass_kg * config.gravity_mps2
     miss = prediction_miss(np.array(poses), _rig(rover), rover.standing_height_m, FRAME_HZ)
+    missed = (math.hypot(speed - case.forward_mps, _LEVER_M * (turned - case.yaw_rate_radps))
+              / math.hypot(case.forward_mps, _LEVER_M * case.yaw_rate_radps))
     return PolicyWalk(
-        case, outcome, distance / time_s, abs(distance / time_s / SPEED_MPS - 1.0),
-        drift / time_s, energy_j / weight_n / distance if outcome == WALKED else _NAN, feet.total,
+        case, outcome, speed, turned, missed,
+        energy_j / weight_n / way_m if outcome == WALKED and way_m > 0.0 else _NAN, feet.total,
         math.sqrt(pitch / (last - first)), _NAN if miss is None else miss.median_px)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.closing import Closing
-from lunar_rover_sim.base.errors import ConfigError, one_line, PhysicsError
+from lunar_rover_sim.base.errors import ConfigError, GroundLeftError, one_line, PhysicsError
 from lunar_rover_sim.base.frames import (Array, matrix_from_wxyz, rotated, tilt_deg,
                                          wxyz_from_matrix)
 from lunar_rover_sim.ground.regolith.looseness import soil_map
@@ -263,9 +263,9 @@ class Simulation(Closing):
         x, y, _ = self._qpos[:3].tolist()
         limit = self._half_extent_m
         if not (abs(x) <= limit and abs(y) <= limit):
-            raise PhysicsError(f'at {self.time_ns * 1e-9:.3f} s base_link left the ground at'
-                               f' x = {x:.2f} m, y = {y:.2f} m; the ground ends at'
-                               f' {limit:.2f} m')
+            raise GroundLeftError(f'at {self.time_ns * 1e-9:.3f} s base_link left the ground at'
+                                  f' x = {x:.2f} m, y = {y:.2f} m; the ground ends at'
+                                  f' {limit:.2f} m')
 
 
 logger = logging.getLogger(__name__)

@@ -83,7 +83,7 @@ def test_a_residual_of_zero_walks_as_commanded():
     start = task.state.position_m[0]
     for _ in range(400):
         outcome = task.step(np.zeros(4))
-    assert outcome.truncated and not outcome.reason
+    assert outcome.truncated and not outcome.terminated
     # 10 % is the tolerance of the gait's own calibration; the first cycle is the start.
     assert (task.state.position_m[0] - start) / 7.4 == pytest.approx(0.12, rel=0.1)
     task.close()

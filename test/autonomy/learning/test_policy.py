@@ -2,13 +2,14 @@
 
 import dataclasses
 import json
+import math
 
 import numpy as np
 import pytest
 
 from lunar_rover_sim.autonomy.learning.controller import PolicyController
 from lunar_rover_sim.autonomy.learning.policy_file import (constant_layers, KEY, Policy,
-                                                           policy_names, save_policy)
+                                                           policy_names, save_network, save_policy)
 from lunar_rover_sim.autonomy.learning.senses import Sample
 from lunar_rover_sim.autonomy.learning.tasks import make_task
 from lunar_rover_sim.autonomy.learning.validation import validate_policy
@@ -253,10 +254,71 @@ def test_a_constant_policy_of_gait_agrees_with_its_environment(tmp_path):
     save_policy(tmp_path / 'gait.onnx', constant_layers(task, action), task, FACTS)
     policy = Policy(tmp_path / 'gait.onnx')
     np.testing.assert_allclose(policy.act(np.zeros(22, np.float32)), action, atol=1e-6)
-    save_policy(tmp_path / 'tanh.onnx', constant_layers(task, action), task, FACTS, squashed=True)
-    np.testing.assert_allclose(Policy(tmp_path / 'tanh.onnx').act(np.zeros(22, np.float32)),
-                               np.tanh(action), atol=1e-6)
     assert all(check.holds for check in validate_policy(policy, duration_s=1.0))
+
+
+def test_a_network_from_elsewhere_gets_a_card_and_walks(tmp_path):
+    """Its own names, operators, opset and batch size; it sees the gyroscope and stops a leg."""
+    helper = onnx.helper
+    task = make_task('walk', {'ground': 'rigid', 'forward_mps': [0.1, 0.14]})
+    column = [one.name for one in task.channels].index('rate_y')
+    weight = np.zeros((31, 4), np.float32)
+    weight[column, 2] = -3.0
+    graph = helper.make_graph(
+        [helper.make_node('MatMul', ['obs', 'w'], ['m']), helper.make_node('Erf', ['m'], ['out'])],
+        'theirs', [helper.make_tensor_value_info('obs', onnx.TensorProto.FLOAT, ['batch', 31])],
+        [helper.make_tensor_value_info('out', onnx.TensorProto.FLOAT, ['batch', 4])],
+        [onnx.numpy_helper.from_array(weight, 'w')])
+    content = helper.make_model(graph, opset_imports=[helper.make_opsetid('', 13)],
+                                ir_version=8).SerializeToString()
+    save_network(tmp_path / 'theirs.onnx', content, task, {**FACTS, 'licence': 'MIT'})
+    controller = PolicyController.load(tmp_path / 'theirs.onnx', ROVER)
+    controller.set_velocity(0.12, 0.0)
+    controller.update(sample(0, rate_radps=np.array([0.0, 0.2, 0.0])))
+    np.testing.assert_allclose(controller.driver.action, [0.0, 0.0, -math.erf(0.6), 0.0],
+                               atol=1e-6)
+    assert 'Licence: MIT' in (tmp_path / 'theirs.md').read_text('utf-8')
+    before = (tmp_path / 'theirs.onnx').read_bytes()
+    for wrong in (content[:-9], b'', make_task('gait', {})):
+        with pytest.raises(LearningError):
+            if isinstance(wrong, bytes):
+                save_network(tmp_path / 'theirs.onnx', wrong, task, FACTS)
+            else:
+                save_network(tmp_path / 'theirs.onnx', content, wrong, FACTS)
+    assert (tmp_path / 'theirs.onnx').read_bytes() == before
+
+
+def test_a_module_of_pytorch_acts_in_the_node_as_it_does_at_home(tmp_path):
+    torch = pytest.importorskip('torch')
+    from lunar_rover_sim.autonomy.learning.export import save_torch
+    torch.manual_seed(1)
+    module = torch.nn.Sequential(torch.nn.Linear(31, 8), torch.nn.ELU(), torch.nn.LayerNorm(8),
+                                 torch.nn.Dropout(0.5), torch.nn.Linear(8, 4), torch.nn.Tanh())
+    save_torch(tmp_path / 'torch.onnx', module, make_task('walk', {}), FACTS)
+    assert module.training
+    controller = PolicyController.load(tmp_path / 'torch.onnx', ROVER)
+    controller.set_velocity(0.12, 0.0)
+    controller.update(sample(0))
+    expected = module.eval()(torch.as_tensor(controller.observed)[None])[0].detach().numpy()
+    np.testing.assert_allclose(controller.driver.action, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize('kind', ['PPO', 'SAC'])
+def test_a_model_of_stable_baselines3_with_its_normalisation(tmp_path, kind):
+    sb3 = pytest.importorskip('stable_baselines3')
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+    from lunar_rover_sim.autonomy.learning.environment import RoverEnv
+    from lunar_rover_sim.autonomy.learning.export import save_sb3
+    envs = VecNormalize(DummyVecEnv([lambda: RoverEnv('walk', ground='rigid', episode_s=0.2)]))
+    envs.reset()
+    for _ in range(20):
+        envs.step(np.zeros((1, 4)))
+    model = getattr(sb3, kind)('MlpPolicy', envs, seed=1)
+    save_sb3(tmp_path / 'sb3.onnx', model, make_task('walk', {}), FACTS, envs)
+    seen = np.random.default_rng(1).normal(size=31).astype(np.float32)
+    expected = model.predict(envs.normalize_obs(seen[None]), deterministic=True)[0][0]
+    np.testing.assert_allclose(Policy(tmp_path / 'sb3.onnx').act(seen), expected, atol=1e-5)
 
 
 @pytest.mark.parametrize('name', policy_names())

@@ -12,7 +12,7 @@ from lunar_rover_sim.judge.studies.learning import (Case, HIDDEN_SEEDS, PACKAGED
 
 
 def made(walker, seed, transport, outcome=WALKED):
-    return PolicyWalk(Case(walker, 'rigid', 0.0, seed), outcome, 0.12, 0.01, 0.0, transport, 0.02,
+    return PolicyWalk(Case(walker, 'rigid', 0.0, seed), outcome, 0.12, 0.0, 0.01, transport, 0.02,
                       0.3, 2.5)
 
 
@@ -25,9 +25,16 @@ def test_the_packaged_gait_walks_as_its_calibration_says():
     found = walk(Case(PACKAGED, 'rigid', 0.0, HIDDEN_SEEDS[0]))
     assert found.outcome == WALKED
     # The calibration's own tolerance; relief and whole cycles take some of it.
-    assert found.tracking_error < 0.1 and abs(found.drift_mps) < 0.03
+    assert found.tracking_error < 0.1 and found.speed_mps == pytest.approx(0.12, rel=0.1)
     assert 0.4 < found.transport < 3.0 and 0.1 < found.pitch_rate_rms_radps < 1.0
     assert 0.0 <= found.slip < 0.2 and found.miss_px > 0.1
+
+
+def test_a_walk_that_is_to_turn_is_judged_by_its_turn():
+    left, right = (walk(Case(PACKAGED, 'rigid', 0.0, HIDDEN_SEEDS[0], 'quad', 0.12, yaw_rate))
+                   for yaw_rate in (0.15, -0.15))
+    assert left.turned_radps > 0.08 and right.turned_radps < -0.08
+    assert max(left.tracking_error, right.tracking_error) < 0.3
 
 
 def test_pairs_tell_a_difference_that_means_hide():
