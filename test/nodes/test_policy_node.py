@@ -10,7 +10,9 @@ import pytest
 
 pytestmark = pytest.mark.ros
 rclpy = pytest.importorskip('rclpy')
-pytest.importorskip('onnx')
+onnx = pytest.importorskip('onnx')
+import onnx.helper  # noqa: E402
+import onnx.numpy_helper  # noqa: E402
 
 from peer import LEGS  # noqa: E402
 from sensor_msgs.msg import Imu, JointState  # noqa: E402
@@ -20,7 +22,7 @@ from lunar_rover_sim.autonomy.learning.policy_file import save_policy  # noqa: E
 from lunar_rover_sim.autonomy.learning.senses import Sample  # noqa: E402
 from lunar_rover_sim.autonomy.learning.tasks import make_task  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
-from lunar_rover_sim.base.errors import LearningError  # noqa: E402
+from lunar_rover_sim.base.errors import LearningError, LunarRoverSimError  # noqa: E402
 from lunar_rover_sim.nodes.policy_node import PolicyNode  # noqa: E402
 from lunar_rover_sim.rover.rover_file import load_rover  # noqa: E402
 from lunar_rover_sim.run.plan import with_policy  # noqa: E402
@@ -75,6 +77,28 @@ def test_a_run_is_walked_by_the_policy(policy_file: Path, tmp_path: Path) -> Non
                                    atol=1e-6)
         largest = max(largest, float(np.abs(expected.velocity_radps).max()))
     assert largest > 0.3
+
+
+def test_the_first_nan_ends_the_run_with_its_stamp(policy_file: Path, tmp_path: Path) -> None:
+    """One that no drawn observation brings about: as soon as the rover is asked for 0.12 m/s."""
+    model = onnx.load(policy_file)
+    helper, graph = onnx.helper, model.graph
+    graph.node[-1].output[0] = 'finite'
+    for name, value in (('first', np.array([0])), ('low', np.array([[0.599]], np.float32)),
+                        ('high', np.array([[0.601]], np.float32)),
+                        ('nan', np.array([[np.nan]], np.float32))):
+        graph.initializer.append(onnx.numpy_helper.from_array(value, name))
+    graph.node.extend([helper.make_node('Gather', ['observation', 'first'], ['speed'], axis=1),
+                       helper.make_node('Greater', ['speed', 'low'], ['above']),
+                       helper.make_node('Less', ['speed', 'high'], ['below']),
+                       helper.make_node('And', ['above', 'below'], ['there']),
+                       helper.make_node('Where', ['there', 'nan', 'finite'], ['action'])])
+    onnx.save(model, tmp_path / 'rare.onnx')
+    scenario = Scenario.load('flat', {
+        'run.nodes': ['physics_node', 'gait_controller_node', 'drive_node', 'recorder_node'],
+        'world.size_m': 12.8, 'world.surroundings.samples': 257}, duration_s=3.0)
+    with pytest.raises(LunarRoverSimError, match=r'policy_node .*rare.onnx: gives .*nan.* at \d'):
+        record(with_policy(scenario, tmp_path / 'rare.onnx'), tmp_path / 'run')
 
 
 def test_a_policy_of_another_rover_does_not_start(policy_file: Path) -> None:
