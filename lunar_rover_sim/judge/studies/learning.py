@@ -28,7 +28,7 @@ from lunar_rover_sim.base.files.results import csv_table, markdown_table
 from lunar_rover_sim.base.frames import tilt_deg
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.camera.rig import StereoRig
-from lunar_rover_sim.judge.evaluation.statistics import Comparison, Mean
+from lunar_rover_sim.judge.evaluation.statistics import adjusted, Comparison, Mean
 from lunar_rover_sim.judge.studies.study_folder import map_in_processes, StudyFolder
 from lunar_rover_sim.products.inspection.tracking import prediction_miss
 from lunar_rover_sim.rover.description import RoverDescription
@@ -188,35 +188,48 @@ def write_walks(path: Path, walks: Sequence[PolicyWalk]) -> None:
 def report_text(walks: Sequence[PolicyWalk], against: str = PACKAGED) -> str:
     """Return tables of all grounds, slopes and commands: each walker against one of them.
 
-    Differences are those of medians of pairs; p and effect (rank-biserial) of Wilcoxon's test.
+    Differences are those of medians of pairs; p, corrected for the number of all tests, and effect
+    (rank-biserial) are of Wilcoxon's test.
     """
-    lines = ['Means with 95 % bootstrap intervals. p and effect are of the paired test against '
-             f'{Path(against).stem} on the same worlds; an effect of -1 is lower in every world.']
+    lines = ['Means with 95 % intervals. p and effect are of the paired test against '
+             f'{Path(against).stem} on the same worlds, p for the number of tests in all tables; '
+             'an effect of -1 is lower in every world.']
+    found: dict[tuple[str, str], list[PolicyWalk]] = {}
+    for one in sorted(walks, key=lambda one: one.case.seed):
+        found.setdefault((_place(one), one.case.walker), []).append(one)
+    tests = {}
+    for (place, name), here in found.items():
+        others = found.get((place, against), [])
+        if name != against and _seeds(here) == _seeds(others):
+            tests.update({(place, name, column): Comparison.of(
+                _values(here, column), _values(others, column)) for column in QUANTITIES})
+    corrected = dict(zip(tests, adjusted([test.p for test in tests.values()])))
     for place in dict.fromkeys(map(_place, walks)):
-        here = [one for one in walks if _place(one) == place]
-        by_walker = {name: sorted((one for one in here if one.case.walker == name),
-                                  key=lambda one: one.case.seed)
-                     for name in dict.fromkeys(one.case.walker for one in here)}
-        others = by_walker.get(against, [])
         rows = []
-        for name, found in by_walker.items():
-            cells = [Path(name).stem, f'{sum(one.outcome == WALKED for one in found)}/'
-                     f'{len(found)}']
+        for name in dict.fromkeys(one.case.walker for one in walks):
+            here = found.get((place, name), [])
+            cells = [Path(name).stem,
+                     f'{sum(one.outcome == WALKED for one in here)}/{len(here)}']
             for column, (_, digits) in QUANTITIES.items():
-                values = np.array([getattr(one, column) for one in found])
-                cell = Mean.of(values).text(digits)
-                if name != against and [one.case.seed for one in others] == [
-                        one.case.seed for one in found]:
-                    compared = Comparison.of(
-                        values, [getattr(one, column) for one in others])
+                cell = Mean.of(_values(here, column)).text(digits)
+                if (place, name, column) in tests:
+                    p = corrected[place, name, column]
                     # Of a sample of all ways to swap pairs, none may be as extreme.
-                    shown = f'= {compared.p:.2g}' if compared.p >= LEAST_P else f'< {LEAST_P:g}'
-                    cell += f'; p {shown}, {compared.effect:+.2f}'
+                    shown = f'= {p:.2g}' if p >= LEAST_P else f'< {LEAST_P:g}'
+                    cell += f'; p {shown}, {tests[place, name, column].effect:+.2f}'
                 cells.append(cell)
             rows.append(cells)
         lines += ['', f'## {place}', '', *markdown_table(
             ('walker', 'walked', *(title for title, _ in QUANTITIES.values())), rows)]
     return '\n'.join([*lines, ''])
+
+
+def _seeds(walks: Sequence[PolicyWalk]) -> list[int]:
+    return [one.case.seed for one in walks]
+
+
+def _values(walks: Sequence[PolicyWalk], column: str) -> np.ndarray:
+    return np.array([getattr(one, column) for one in walks])
 
 
 def _place(walked: PolicyWalk) -> str:
