@@ -11,8 +11,6 @@ import pytest
 pytestmark = pytest.mark.ros
 rclpy = pytest.importorskip('rclpy')
 onnx = pytest.importorskip('onnx')
-import onnx.helper  # noqa: E402
-import onnx.numpy_helper  # noqa: E402
 
 from peer import LEGS  # noqa: E402
 from sensor_msgs.msg import Imu, JointState  # noqa: E402
