@@ -17,13 +17,14 @@ from lunar_rover_sim.base.errors import ConfigError, did_you_mean, GraphError
 from lunar_rover_sim.base.files.paths import BAG_FOLDER, check_new_folder
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.rover.gait.calibration import differences, GaitCalibration, ground_conditions
+from lunar_rover_sim.run.dated_sun import dated_sun
 from lunar_rover_sim.run.lockstep import machine_slowness, STARTED_NS
 from lunar_rover_sim.run.node_config import ALL
 from lunar_rover_sim.run.node_processes import Looks, NodeLogs, NodeProcesses
 from lunar_rover_sim.run.plan import awaits_others, prepare, resolve
 from lunar_rover_sim.run.publication import misspelt_exclusions, silent_topics, unrecorded_cameras
 from lunar_rover_sim.run.ros_domain import check_domain, ClockReader, OwnDomain, require_ros
-from lunar_rover_sim.run.scenario import dated_sun, Scenario
+from lunar_rover_sim.run.scenario import Scenario
 
 _POLL_S = 0.1
 # physics_node names the participant that it waits for before the supervisor names physics_node. It

@@ -19,19 +19,17 @@ from typing import Any, TYPE_CHECKING
 
 from lunar_rover_sim.base.arguments import brief, check_path
 from lunar_rover_sim.base.errors import ConfigError, full_names, nearest, offered, WorldError
-from lunar_rover_sim.base.files.paths import find_file, packaged_names, user_path
+from lunar_rover_sim.base.files.paths import find_file, packaged_names
 from lunar_rover_sim.base.files.yaml_text import parse_yaml, read_yaml, yaml_of
 from lunar_rover_sim.base.parameters import merge, nest, param, Parameters
 from lunar_rover_sim.ground.world.cache import cached
-from lunar_rover_sim.ground.world.config import DEM, WorldConfig
+from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.ground.world.site import reported_site, Site
 from lunar_rover_sim.ground.world.world_folder import load_world as load_world_folder
-from lunar_rover_sim.image.illumination.config import SunConfig
-from lunar_rover_sim.image.illumination.sun_of_date import check_last_date, given_site, sun_of_date
 from lunar_rover_sim.image.lidar.beam_pattern import beam_pattern
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.run.dated_sun import sun_of_run
 from lunar_rover_sim.run.node_config import (DEFAULT_NODES, DriveNodeConfig, FOLLOWS,
                                              GaitNodeConfig, LEG_CONTROLLERS, LidarNodeConfig,
                                              MappingNodeConfig, NavigatorNodeConfig, NODE_CONFIGS,
@@ -135,7 +133,9 @@ class Scenario:
         for change in changes:
             sections = merge(sections, change)
         scenario = _build(path.stem, sections)
-        return _dated(scenario, changes, world)
+        render = scenario.render_node
+        sun = sun_of_run(render.sun, scenario.world, scenario.run.duration_s, changes, world)
+        return dataclasses.replace(scenario, render_node=dataclasses.replace(render, sun=sun))
 
     def __repr__(self) -> str:
         return (f'Scenario(name={self.name!r}, seed={self.shared.seed}, '
@@ -306,37 +306,6 @@ def _check_lidar_mount(scenario: Scenario) -> None:
     OwnBody(scenario.rover, beam_pattern(sensor.optics, sensor.rate_hz))
 
 
-def _dated(scenario: Scenario, changes: Iterable[Mapping[str, Any]],
-           world: str | Path | None) -> Scenario:
-    """Return the scenario with the sun of its date, if it names one.
-
-    A file may state both, as a recorded scenario does; the date is what counts.
-
-    Args:
-        world: Folder of a world that is used instead of the scenario's own.
-
-    Raises:
-        ConfigError: If an override sets what the date decides.
-    """
-    render = scenario.render_node
-    if not render.sun.date:
-        return scenario
-    for change in changes:
-        values = nest(change.get('render_node', {})).get('sun', {})
-        for name in ('azimuth_deg', 'elevation_deg'):
-            if name in values:
-                raise ConfigError(f'render_node.sun.{name}: {brief(values[name])} is not valid '
-                                  f'with render_node.sun.date ({render.sun.date}), which decides '
-                                  "it; set the date to ''")
-    used = None if world is None else load_world_folder(world, verify=False)
-    sun = dated_sun(render.sun, scenario.world, used)
-    try:
-        check_last_date(sun, scenario.run.duration_s)
-    except ConfigError as error:
-        raise ConfigError(f'render_node.{error}') from None
-    return dataclasses.replace(scenario, render_node=dataclasses.replace(render, sun=sun))
-
-
 def _without_empty_lists(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {k: _without_empty_lists(v) for k, v in value.items() if v != []}
@@ -419,70 +388,3 @@ def _override(name: str, value: Any, where: str) -> dict[str, Any]:
         raise ConfigError(f'{where}: no such section {brief(section)}; '
                           f'{nearest(section, valid)}')
     return {section: nest({parameter: value})}
-
-
-# Two directions of grid north that differ by less are the same [deg].
-_SAME_DEG = 0.01
-
-
-def dated_sun(sun: SunConfig, world: WorldConfig, used: World | None = None) -> SunConfig:
-    """Return the sun with azimuth and elevation of its date; without a date, as it is.
-
-    A given site is held against the used world, or an elevation model, that says where it is.
-
-    Args:
-        used: A world that is used instead of the one of the parameters.
-
-    Raises:
-        ConfigError: If a parameter is not valid, with its value and what is valid.
-        WorldError: If the world cannot be read.
-    """
-    if not sun.date:
-        return sun
-    try:
-        given = given_site(sun.site)
-        if given is not None:
-            _check_given(given, world, used)
-            return sun_of_date(sun, None)
-        if used is not None:
-            return sun_of_date(sun, reported_site(used.report))
-        return sun_of_date(sun, _dem_site(world) if world.source == DEM else None)
-    except ConfigError as error:
-        raise ConfigError(f'render_node.{error}') from None
-
-
-def _check_given(given: Site, world: WorldConfig, used: World | None) -> None:
-    """Raise ConfigError unless the site is in the world and its grid north is right."""
-    place = given.lon_deg, given.lat_deg
-    try:
-        if used is not None:
-            there = _site_in_world(used, place)
-        # A recorded scenario may be read where its elevation model is not.
-        elif world.source == DEM and user_path(world.path, 'path').exists():
-            there = _dem_site(world, place)
-        else:
-            return
-    except WorldError as error:
-        raise ConfigError(f'sun.site: {error}') from None
-    if there is None:
-        return
-    difference = (given.grid_north_deg - there.grid_north_deg + 180.0) % 360.0 - 180.0
-    if abs(difference) > _SAME_DEG:
-        raise ConfigError(
-            f'sun.site.grid_north_deg: {given.grid_north_deg:g} is not valid; valid is '
-            f'{there.grid_north_deg:.4f}, which the projection of '
-            f'{world.path if used is None else "the world"} says for longitude '
-            f'{given.lon_deg:g}, latitude {given.lat_deg:g}; or set '
-            'render_node.sun.site.source=world')
-
-
-def _site_in_world(world: World, lon_lat_deg: tuple[float, float]) -> Site | None:
-    # Here, because rasterio takes time to import, and most runs need none of it.
-    from lunar_rover_sim.ground.world.map_projection import site_in_world
-    return site_in_world(world, *lon_lat_deg)
-
-
-def _dem_site(world: WorldConfig, lon_lat_deg: tuple[float, float] | None = None) -> Site | None:
-    # Here, because what reads elevation models takes time to import, and most runs need none.
-    from lunar_rover_sim.ground.world.dem import dem_site
-    return dem_site(world, lon_lat_deg)
