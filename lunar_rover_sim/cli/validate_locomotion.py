@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from lunar_rover_sim.base.files.paths import make_new_folder
+from lunar_rover_sim.base.gravity import EARTH_MPS2, MOON_MPS2
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
 from lunar_rover_sim.judge.studies import locomotion as pitch
@@ -29,7 +30,7 @@ GROUNDS = ('rigid', 'highland', 'highland_loose')
 @options.several('--speeds', type=options.number('--speeds', 0.0, above=True),
                  default=(0.06, 0.12, 0.2), metavar='V...', help='forward speeds [m/s]')
 @options.several('--gravities', type=options.number('--gravities', 0.0, above=True),
-                 default=(1.62, 9.81), metavar='G...', help='gravities [m/s²]')
+                 default=(MOON_MPS2, EARTH_MPS2), metavar='G...', help='gravities [m/s²]')
 @options.bounded('--duration', STEADY_FROM_S + 2.0, unit='s', above=True, default=30.0,
                  metavar='S', help='length of each walk')
 @click.option('--overlay', type=options.PATH, multiple=True, metavar='CSV', help='another pitch '

@@ -9,6 +9,7 @@ from lunar_rover_sim.autonomy.navigation.config import (MapConfig, NavigatorConf
 from lunar_rover_sim.autonomy.path_following.config import DriveConfig
 from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.gravity import MOON_MPS2
 from lunar_rover_sim.base.named_sets import Named
 from lunar_rover_sim.base.parameters import group, named, param, Parameters
 from lunar_rover_sim.base.seconds import NS_PER_S
@@ -301,8 +302,8 @@ class SlamNodeConfig(NodeConfig):
     frame_rate_hz: int = param(20, 'of the images; a run sets it, and camera, imu and '
                                'imu_rate_hz', unit='Hz', low=1, high=200)
     imu_rate_hz: int = param(200, 'of the IMU', unit='Hz', low=1, high=1000)
-    gravity_mps2: float = param(1.62, 'that the IMU feels; a run sets it', unit='m/s^2', low=0.0,
-                                high=30.0)
+    gravity_mps2: float = param(MOON_MPS2, 'that the IMU feels; a run sets it', unit='m/s^2',
+                                low=0.0, high=30.0)
 
     @property
     def is_stereo(self) -> bool:

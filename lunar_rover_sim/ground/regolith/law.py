@@ -52,6 +52,7 @@ import numpy as np
 from lunar_rover_sim.base.compiled import compiled
 from lunar_rover_sim.ground.regolith.overlay import CELL_M, TILE
 from lunar_rover_sim.ground.regolith.soil import IMPEDANCE, PARKED_M
+from lunar_rover_sim.ground.world.grid import height_of_triangles
 
 # What a step left to be done: nothing, a print to be pressed in, a tip that left its print, and a
 # tip whose motion has diverged.
@@ -197,21 +198,7 @@ def dig_slope(load: float, depth: float, table: np.ndarray, deepest: float) -> f
 
 # --- The surface ------------------------------------------------------------------------------
 
-@compiled
-def ground_height(x: float, y: float, heights: np.ndarray, cell_m: float) -> float:
-    """Return the height of the triangles of a HeightGrid at a position; NaN beyond it."""
-    last = heights.shape[0] - 1
-    gx, gy = x / cell_m + 0.5 * last, y / cell_m + 0.5 * last
-    if not (0.0 <= gx <= last and 0.0 <= gy <= last):
-        return math.nan
-    ix, iy = min(int(gx), last - 1), min(int(gy), last - 1)
-    u, v = gx - ix, gy - iy
-    z00, z11 = float(heights[iy, ix]), float(heights[iy + 1, ix + 1])
-    if u >= v:
-        corner = float(heights[iy, ix + 1])
-        return z00 + u * (corner - z00) + v * (z11 - corner)
-    corner = float(heights[iy + 1, ix])
-    return z00 + v * (corner - z00) + u * (z11 - corner)
+ground_height = compiled(height_of_triangles)
 
 
 @compiled

@@ -21,10 +21,10 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from lunar_rover_sim.base.gravity import EARTH_MPS2, MOON_MPS2
 from lunar_rover_sim.ground.regolith.resistive_force import (GENERIC, POPPY_CLOSE, POPPY_LOOSE,
                                                              ResistiveForce)
 
-MOON, EARTH = 1.62, 9.81
 IMPEDANCE = 0.18        # of MuJoCo's contact of a tip: `rover/physics/soil_contact.py` says why
 PARKED_M = -1e4         # height of the plane of a tip that is in the air
 
@@ -88,12 +88,12 @@ class Soil:
 
 
 PRESETS = {
-    'highland_loose': Soil(MOON, 0.3e6, 0.65, 0.0, 0.8, 33.0, 0.004, 2000.0, 60.0),
-    'highland': Soil(MOON, 1.0e6, 0.84, 0.0, 0.6, 38.0, 0.0025, 2000.0, 60.0),
-    'highland_dense': Soil(MOON, 2.2e6, 1.0, 0.0, 0.3, 42.0, 0.0015, 2000.0, 60.0),
-    'mare': Soil(MOON, 1.0e6, 0.84, 0.0, 0.6, 38.0, 0.0025, 2000.0, 60.0),
-    'poppy_loose': Soil(EARTH, 0.254e6, 0.70, 0.0, 0.3, 36.0, 0.004, 2000.0, 60.0,
+    'highland_loose': Soil(MOON_MPS2, 0.3e6, 0.65, 0.0, 0.8, 33.0, 0.004, 2000.0, 60.0),
+    'highland': Soil(MOON_MPS2, 1.0e6, 0.84, 0.0, 0.6, 38.0, 0.0025, 2000.0, 60.0),
+    'highland_dense': Soil(MOON_MPS2, 2.2e6, 1.0, 0.0, 0.3, 42.0, 0.0015, 2000.0, 60.0),
+    'mare': Soil(MOON_MPS2, 1.0e6, 0.84, 0.0, 0.6, 38.0, 0.0025, 2000.0, 60.0),
+    'poppy_loose': Soil(EARTH_MPS2, 0.254e6, 0.70, 0.0, 0.3, 36.0, 0.004, 2000.0, 60.0,
                         POPPY_LOOSE),
-    'poppy_close': Soil(EARTH, 0.464e6, 0.70, 0.0, 0.1, 36.0, 0.0015, 2000.0, 60.0,
+    'poppy_close': Soil(EARTH_MPS2, 0.464e6, 0.70, 0.0, 0.1, 36.0, 0.0015, 2000.0, 60.0,
                         POPPY_CLOSE),
 }

@@ -62,24 +62,27 @@ class HeightGrid:
 
     def height_at_point(self, x_m: float, y_m: float) -> float:
         """Return what `height_at` returns for one position; a fast path without arrays."""
-        z, cell_m = self.heights_m, self.cell_m
-        last = len(z) - 1
-        gx, gy = x_m / cell_m + 0.5 * last, y_m / cell_m + 0.5 * last
-        # Written so that NaN is outside, too.
-        if not (0.0 <= gx <= last and 0.0 <= gy <= last):
-            return math.nan
-        ix, iy = int(gx), int(gy)
-        if ix == last:
-            ix -= 1
-        if iy == last:
-            iy -= 1
-        u, v = gx - ix, gy - iy
-        z00, z11 = float(z[iy, ix]), float(z[iy + 1, ix + 1])
-        if u >= v:
-            corner = float(z[iy, ix + 1])
-            return z00 + u * (corner - z00) + v * (z11 - corner)
-        corner = float(z[iy + 1, ix])
-        return z00 + v * (corner - z00) + u * (z11 - corner)
+        return height_of_triangles(x_m, y_m, self.heights_m, self.cell_m)
+
+
+def height_of_triangles(x: float, y: float, heights: NDArray[Any], cell_m: float) -> float:
+    """Return the height of the triangles at a position; NaN beyond them.
+
+    Soil's law compiles it.
+    """
+    last = heights.shape[0] - 1
+    gx, gy = x / cell_m + 0.5 * last, y / cell_m + 0.5 * last
+    # Written so that NaN is outside, too.
+    if not (0.0 <= gx <= last and 0.0 <= gy <= last):
+        return math.nan
+    ix, iy = min(int(gx), last - 1), min(int(gy), last - 1)
+    u, v = gx - ix, gy - iy
+    z00, z11 = float(heights[iy, ix]), float(heights[iy + 1, ix + 1])
+    if u >= v:
+        corner = float(heights[iy, ix + 1])
+        return z00 + u * (corner - z00) + v * (z11 - corner)
+    corner = float(heights[iy + 1, ix])
+    return z00 + v * (corner - z00) + u * (z11 - corner)
 
 
 # The slope that one lattice step makes over a cell is at most 2^-11, 0.5 mrad.

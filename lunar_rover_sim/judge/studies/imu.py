@@ -14,6 +14,7 @@ from scipy.optimize import nnls
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.base.files.results import save_figure
 from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.gravity import MOON_MPS2
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise, noise_parameters
 
 
@@ -89,7 +90,6 @@ def fit_noise(curve: AllanCurve) -> NoiseFit:
     return NoiseFit(float(np.sqrt(squares[0])), float(np.sqrt(squares[1])))
 
 
-GRAVITY_MPS2 = 1.62
 # Largest relative errors of what is read back from an hour at 200 Hz.
 WHITE_TOLERANCE, RANDOM_WALK_TOLERANCE = 0.05, 0.15
 
@@ -139,7 +139,7 @@ def study(config: ImuConfig, duration_s: float = 3600.0, rate_hz: float = 200.0,
         StudyError: For fewer than 100 samples.
     """
     n = round(duration_s * rate_hz)
-    at_rest = np.broadcast_to([0.0, 0.0, GRAVITY_MPS2], (n, 3))
+    at_rest = np.broadcast_to([0.0, 0.0, MOON_MPS2], (n, 3))
     noise = ImuNoise(config, rate_hz, np.random.default_rng(seed))
     sample = noise.measure_many(at_rest, np.zeros((n, 3)))
     true = noise_parameters(config)

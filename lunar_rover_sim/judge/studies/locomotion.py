@@ -22,6 +22,7 @@ from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.base.files.yaml_text import read_text
 from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.gravity import EARTH_MPS2, MOON_MPS2
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.judge.studies.walking import flat_world, STATE_PERIOD_S, walk, Walk
@@ -174,7 +175,7 @@ def _autocorrelation(signal: Array, lag: float) -> float:
 
 
 SPEEDS_MPS = (0.06, 0.12, 0.2)
-GRAVITIES_MPS2 = (1.62, 9.81)
+GRAVITIES_MPS2 = (MOON_MPS2, EARTH_MPS2)
 FRAME_RATES_HZ = (10, 20, 40)
 STAND_S = 1.0        # standing before the command
 TRACKING_S = 0.1     # time constant with which the velocity interface tracks its command

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.gravity import MOON_MPS2
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.image.camera.fisheye import geometry_of
 from lunar_rover_sim.image.camera.hazard import HazardConfig, sides
@@ -210,7 +211,7 @@ def imu_and_odometry(rover: RoverData, report: CheckReport) -> None:
     rpy = np.radians(_vector(rover.scenario.get('rover', 'imu.rpy_deg')))
     R_base_imu = frames.matrix_from_wxyz(frames.wxyz_from_rpy(*rpy))
     drift = imu_drift(rover.scan, position,
-                      rover.scenario.number('physics_node', 'gravity_mps2', 1.62))
+                      rover.scenario.number('physics_node', 'gravity_mps2', MOON_MPS2))
     if drift is None:
         report.add('imu and odometry', Status.SKIP, 'not both in the bag, or not finite')
         return

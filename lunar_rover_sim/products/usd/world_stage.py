@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from lunar_rover_sim.base.frames import sun_direction, wxyz_from_matrix
+from lunar_rover_sim.base.gravity import MOON_MPS2
 from lunar_rover_sim.ground.world.far_albedo import far_albedo
 from lunar_rover_sim.ground.world.far_rocks import far_rocks
 from lunar_rover_sim.ground.world.model import World
@@ -42,7 +43,7 @@ class StageSettings:
 
     sun: SunConfig = SunConfig()
     reflectance: ReflectanceConfig = ReflectanceConfig()
-    gravity_mps2: float = 1.62
+    gravity_mps2: float = MOON_MPS2
     friction: float = 0.8
     detail: DetailConfig = DetailConfig()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from lunar_rover_sim.base.gravity import MOON_MPS2
 from lunar_rover_sim.base.parameters import group, param, Parameters
 from lunar_rover_sim.ground.regolith.config import GroundConfig
 
@@ -58,8 +59,8 @@ class PhysicsConfig(Parameters):
     """The simulation; `step_s` is rounded to whole nanoseconds."""
 
     step_s: float = param(0.001, 'time step', unit='s', low=1e-5, high=0.005)
-    gravity_mps2: float = param(1.62, 'acceleration along -z: Moon 1.62, Earth 9.81', unit='m/s^2',
-                                low=0.0, high=30.0)
+    gravity_mps2: float = param(MOON_MPS2, 'acceleration along -z: Moon 1.62, Earth 9.81',
+                                unit='m/s^2', low=0.0, high=30.0)
     integrator: str = param('discrete', 'numerical integration in MuJoCo',
                             choices=INTEGRATORS)
     contact: ContactConfig = group(ContactConfig)
