@@ -18,7 +18,7 @@ from claims import claim, one_line, within_bounds
 import mutations
 import numpy as np
 import samples
-from world_readers import read_dem, read_marked, read_mesh, read_world
+from world_readers import read_dem, read_marked, read_mesh, read_placed, read_world
 
 from lunar_rover_sim.base.files.yaml_text import read_text
 from lunar_rover_sim.base.parameters import Parameters
@@ -27,7 +27,6 @@ from lunar_rover_sim.campaign.card import write_card
 from lunar_rover_sim.campaign.episode_plans import draw, episode
 from lunar_rover_sim.campaign.layout import EPISODES
 from lunar_rover_sim.campaign.manifest import why_unfinished
-from lunar_rover_sim.campaign.page import write_page
 from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.model import World
@@ -176,8 +175,7 @@ def read_dataset(folder: Path, valid: Path, file: Path, _rng: random.Random) -> 
     elif file.parent != folder and file.name != 'manifest.json' and EPISODES in file.parts:
         claim(not file.is_symlink() and file.read_bytes() == (
             valid / file.relative_to(folder)).read_bytes(), 'a changed file is not found')
-    card = write_card(folder)
-    write_page(folder, card, folder / 'page.html')
+    write_card(folder)
 
 
 _BAG = {'bag/*.yaml': mutations.any_yaml, 'bag/*.mcap': mutations.any_bytes,
@@ -194,6 +192,7 @@ READERS: dict[str, Reader] = {
     'geotiff': Reader(samples.geotiff, {'*.tif': mutations.any_bytes}, read_dem, 8),
     'dem_folder': Reader(samples.dem_folder, {'*.npy': mutations.any_npy,
                                               '*.yaml': mutations.any_yaml}, read_dem),
+    'placed': Reader(samples.geotiff, {'*.tif': mutations.none}, read_placed, 4),
     'marked': Reader(samples.marked, {'dem.npy': mutations.none}, read_marked, 4),
     'mesh': Reader(samples.mesh, {'*.obj': mutations.any_text, 'text.*': mutations.any_text,
                                   '*.off': mutations.any_text, 'surface.stl': mutations.any_bytes,

@@ -1,12 +1,15 @@
 """Readers of elevation models, meshes and worlds; see `readers.py`."""
 
 import functools
+import math
 from pathlib import Path
 import random
 from typing import Any
 
 from claims import claim
 import numpy as np
+import rasterio
+from rasterio.crs import CRS
 import samples
 
 from lunar_rover_sim.ground.world.config import WorldConfig
@@ -61,6 +64,34 @@ def read_marked(folder: Path, _valid: Path, _file: Path, rng: random.Random) -> 
                   'a marker of missing data is ground')
     finally:
         source.close()
+
+
+PROJECTIONS = (
+    None, '+proj=merc', '+proj=eqc', '+proj=eqc +lat_ts=60', '+proj=longlat', '+proj=sinu',
+    '+proj=stere +lat_0=-90', '+proj=stere +lat_0=90 +units=km', '+proj=ortho +lat_0=20',
+    '+proj=gnom', '+proj=tmerc +lon_0=10', '+proj=geocent', '+proj=moll', '+proj=laea +lat_0=90')
+
+
+def read_placed(folder: Path, _valid: Path, file: Path, rng: random.Random) -> None:
+    """A raster of any projection, place, pixel, sense and unit is read or refused, in seconds."""
+    projection = rng.choice(PROJECTIONS)
+    unit = 1.0 / 30323.0 if projection == '+proj=longlat' else 1.0
+    size = unit * rng.choice((1e-12, 1e-4, 0.1, 0.1, 0.1, 1.0, 30.0, 1e6, 1e12, 0.0, float('nan')))
+    turn = rng.choice((0.0, 0.0, 0.3, math.pi / 2, math.pi))
+    aspect, sense = rng.choice((1.0, 1.0, -1.0, 20.0, 1e-3)), rng.choice((-1.0, -1.0, 1.0))
+    x, y = (unit * rng.choice((0.0, 1e3, 2.7e6, 5.4e6, 1e9, rng.uniform(-3e6, 3e6))) for _ in 'xy')
+    with rasterio.open(file, 'r+') as raster:
+        raster.crs = CRS.from_user_input(f'{projection} +R=1737400') if projection else None
+        raster.transform = rasterio.Affine(
+            aspect * size * math.cos(turn), -sense * size * math.sin(turn), x,
+            aspect * size * math.sin(turn), sense * size * math.cos(turn), y)
+        raster.units = (rng.choice(('', 'm', 'km', 'ft', 'degree')),)
+        raster.scales = (rng.choice((1.0, 0.5, 0.0, float('nan'), 1e-300)),)
+    mode = rng.choice(('offset', 'pixel', 'crs', 'lonlat'))
+    center = {'offset': [0.1, -0.2], 'pixel': [24.0, 24.0], 'crs': [x, y],
+              'lonlat': [rng.uniform(-180.0, 360.0), rng.uniform(-100.0, 100.0)]}[mode]
+    _ground(open_dem(_config(source='dem', path=str(file), dem={
+        'nodata': 'fill', 'center_mode': mode, 'center': center})))
 
 
 def read_mesh(_folder: Path, _valid: Path, file: Path, _rng: random.Random) -> None:
