@@ -74,20 +74,28 @@ PROJECTIONS = (
 
 def read_placed(folder: Path, _valid: Path, file: Path, rng: random.Random) -> None:
     """A raster of any projection, place, pixel, sense and unit is read or refused, in seconds."""
-    projection = rng.choice(PROJECTIONS)
+    whole = file.is_file() and file.read_bytes().startswith(b'II*')
+    if file.name != 'float.tif' or not whole:       # or a pipe, a device or a folder
+        read_dem(folder, _valid, file, rng)
+        return
+    projection, odd = rng.choice(PROJECTIONS), rng.randrange(8)     # one thing is absurd, or none
     unit = 1.0 / 30323.0 if projection == '+proj=longlat' else 1.0
-    size = unit * rng.choice((1e-12, 1e-4, 0.1, 0.1, 0.1, 1.0, 30.0, 1e6, 1e12, 0.0, float('nan')))
+    sizes = (1e-12, 1e-4, 30.0, 1e6, 1e12, 0.0, math.nan) if odd == 0 else (0.1,)
+    size = unit * rng.choice(sizes)
     turn = rng.choice((0.0, 0.0, 0.3, math.pi / 2, math.pi))
-    aspect, sense = rng.choice((1.0, 1.0, -1.0, 20.0, 1e-3)), rng.choice((-1.0, -1.0, 1.0))
-    x, y = (unit * rng.choice((0.0, 1e3, 2.7e6, 5.4e6, 1e9, rng.uniform(-3e6, 3e6))) for _ in 'xy')
+    aspect = rng.choice((20.0, 1e-3, 0.0)) if odd == 1 else rng.choice((1.0, -1.0))
+    sense = rng.choice((-1.0, 1.0))
+    far = (0.0, 2.7e6, 5.4e6, 1e9) if odd == 2 else (rng.uniform(-1.4e6, 1.4e6),)
+    x, y = unit * rng.choice(far), unit * rng.choice(far) * 0.9
     with rasterio.open(file, 'r+') as raster:
-        raster.crs = CRS.from_user_input(f'{projection} +R=1737400') if projection else None
+        if projection is not None:
+            raster.crs = CRS.from_user_input(f'{projection} +R=1737400')
         raster.transform = rasterio.Affine(
             aspect * size * math.cos(turn), -sense * size * math.sin(turn), x,
             aspect * size * math.sin(turn), sense * size * math.cos(turn), y)
-        raster.units = (rng.choice(('', 'm', 'km', 'ft', 'degree')),)
-        raster.scales = (rng.choice((1.0, 0.5, 0.0, float('nan'), 1e-300)),)
-    mode = rng.choice(('offset', 'pixel', 'crs', 'lonlat'))
+        raster.units = (rng.choice(('km', 'ft', 'degree')) if odd == 3 else 'm',)
+        raster.scales = (rng.choice((0.5, 0.0, float('nan'), 1e-300)) if odd == 4 else 1.0,)
+    mode = rng.choice(('crs', 'lonlat') if odd == 5 else ('offset', 'pixel'))
     center = {'offset': [0.1, -0.2], 'pixel': [24.0, 24.0], 'crs': [x, y],
               'lonlat': [rng.uniform(-180.0, 360.0), rng.uniform(-100.0, 100.0)]}[mode]
     _ground(open_dem(_config(source='dem', path=str(file), dem={
