@@ -74,7 +74,8 @@ PROJECTIONS = (
 
 def read_placed(folder: Path, _valid: Path, file: Path, rng: random.Random) -> None:
     """A raster of any projection, place, pixel, sense and unit is read or refused, in seconds."""
-    whole = file.is_file() and file.read_bytes().startswith(b'II*')
+    whole = (file.is_file() and file.stat().st_size > 0     # those of /proc have none
+             and file.read_bytes().startswith(b'II*'))
     if file.name != 'float.tif' or not whole:       # or a pipe, a device or a folder
         read_dem(folder, _valid, file, rng)
         return
