@@ -69,12 +69,12 @@ class PurePursuit:
         position = np.asarray(position_m, dtype=float)[:2]
         window = self._along_m + max(2.0 * config.lookahead_m, 0.5)
         self._along_m, across = route.nearest(position, self._along_m, window)
-        goal = float(np.linalg.norm(route.at(route.length_m) - position))
+        goal = math.hypot(*(route.at(route.length_m) - position))
         left_m = route.length_m - self._along_m
         if left_m == 0.0 or max(left_m, goal) <= config.goal_tolerance_m:
             return Steering(0.0, 0.0, self._along_m, across, 0.0, True)
         target = route.at(self._along_m + ahead) - position
-        distance = max(float(np.linalg.norm(target)), 1e-6)
+        distance = max(math.hypot(*target), 1e-6)
         error = math.atan2(target[1], target[0]) - heading_rad
         error = math.atan2(math.sin(error), math.cos(error))
         limit = math.radians(config.turn_in_place_deg)

@@ -125,9 +125,9 @@ def catmull_rom(points_m: ArrayLike, closed: bool, alpha: float = 0.5) -> Array:
         padded = np.vstack([2 * points[0] - points[1], points, 2 * points[-1] - points[-2]])
     pieces = []
     for p0, p1, p2, p3 in zip(padded, padded[1:], padded[2:], padded[3:]):
-        t = np.cumsum([0.0] + [max(float(np.linalg.norm(b - a)), 1e-9) ** alpha
+        t = np.cumsum([0.0] + [max(math.hypot(*(b - a)), 1e-9) ** alpha
                                for a, b in ((p0, p1), (p1, p2), (p2, p3))])
-        n = max(2, math.ceil(float(np.linalg.norm(p2 - p1)) / (2.0 * SAMPLE_M)))
+        n = max(2, math.ceil(math.hypot(*(p2 - p1)) / (2.0 * SAMPLE_M)))
         x = np.linspace(t[1], t[2], n, endpoint=False)[:, None]
         a1 = ((t[1] - x) * p0 + (x - t[0]) * p1) / (t[1] - t[0])
         a2 = ((t[2] - x) * p1 + (x - t[1]) * p2) / (t[2] - t[1])
@@ -142,4 +142,6 @@ def catmull_rom(points_m: ArrayLike, closed: bool, alpha: float = 0.5) -> Array:
 
 def _from_start(points: Array, start: Array, heading_rad: float) -> Array:
     c, s = math.cos(heading_rad), math.sin(heading_rad)
-    return points @ np.array([[c, s], [-s, c]]) + start
+    # Not by BLAS, whose products differ from processor to processor.
+    x, y = points.T
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1) + start
