@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from lunar_rover_sim.base import frames
@@ -66,13 +68,12 @@ def footprint_pose(rover: RoverDescription, R_world_base: Array,
     """
     legs = rover.legs
     tips = (legs.spoke_length_m - legs.tip_radius_m) * np.array(legs.spoke_directions())
-    down = np.concatenate([tips @ T_base_link[leg][:3, :3].T + T_base_link[leg][:3, 3]
-                           for leg in legs.names]) @ R_world_base[2]
-    height_m = float(down.min()) - legs.tip_radius_m
-    forward = R_world_base[:2, 0] / np.linalg.norm(R_world_base[:2, 0])
-    level = np.array([[forward[0], -forward[1], 0.0], [forward[1], forward[0], 0.0],
-                      [0.0, 0.0, 1.0]])
-    return se3(R_world_base.T @ level, R_world_base.T @ [0.0, 0.0, height_m])
+    places = np.concatenate([frames.rotated(T_base_link[leg][:3, :3], tips)
+                             + T_base_link[leg][:3, 3] for leg in legs.names])
+    height_m = float(frames.rotated(R_world_base, places)[:, 2].min()) - legs.tip_radius_m
+    x, y = (R_world_base[:2, 0] / math.hypot(*R_world_base[:2, 0])).tolist()
+    axes = np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
+    return se3(frames.rotated(R_world_base.T, axes).T, R_world_base[2] * height_m)
 
 
 def moving_frames(rover: RoverDescription, T_world_base: Array, T_base_link: dict[str, Array],
