@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+import json
 import math
 import time
 from typing import TypeVar
@@ -114,6 +115,20 @@ def recorded_factor(bag: Bag) -> float | None:
         factor = float(information(bag.path)['custom_data'][REAL_TIME_FACTOR])
         return factor if math.isfinite(factor) and factor > 0.0 else None
     return None
+
+
+RECORDED_COUNTS = 'recorded_counts'     # key there: JSON of topic → messages
+
+
+def recorded_counts(bag: Bag) -> dict[str, int]:
+    """Return how many messages of each topic were recorded; nothing where metadata lacks it.
+
+    The counts beside each topic are rewritten with the messages by whoever edits a bag.
+    """
+    with suppress(BagError, LookupError, TypeError, ValueError, RecursionError, AttributeError):
+        told = json.loads(information(bag.path)['custom_data'][RECORDED_COUNTS])
+        return {str(topic): int(count) for topic, count in told.items()}
+    return {}
 
 
 class RecordingPace:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+import json
 import os
 from pathlib import Path
 from types import TracebackType
@@ -29,7 +30,7 @@ from rosbags.typesys.store import Typestore
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos
 from lunar_rover_sim.bag.stamps import StampTable
-from lunar_rover_sim.bag.totals import REAL_TIME_FACTOR
+from lunar_rover_sim.bag.totals import REAL_TIME_FACTOR, RECORDED_COUNTS
 from lunar_rover_sim.base.errors import BagError, one_line
 from lunar_rover_sim.base.files.atomic import atomic_write, sync_folder
 from lunar_rover_sim.base.files.yaml_text import yaml_of
@@ -190,7 +191,8 @@ class BagWriter:
         writer = self._writer
         if writer is None:
             return
-        custom = {**({'incomplete': incomplete} if incomplete else {}),
+        custom = {**({'incomplete': incomplete} if incomplete
+                     else {RECORDED_COUNTS: json.dumps(self.counts)}),
                   **({} if real_time_factor is None
                      else {REAL_TIME_FACTOR: f'{real_time_factor:.3g}'})}
         information = bag_information(

@@ -10,6 +10,7 @@ they name, so a message object that is made once can be published for every stat
 
 from __future__ import annotations
 
+from contextlib import suppress
 import math
 from typing import Any, TYPE_CHECKING
 
@@ -23,6 +24,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Header
 
 from lunar_rover_sim.base import frames
+from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.errors import GraphError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.seconds import NS_PER_S
@@ -149,14 +151,17 @@ def legs_of(msg: JointState, legs: Legs, field: str) -> Array:
     The message may name the joints in any order, and others too.
 
     Raises:
-        GraphError: If a joint or its value is missing.
+        GraphError: If a joint or its value is missing, or is not finite.
     """
     names, values = list(msg.name), getattr(msg, field)
     try:
-        return np.array([values[names.index(joint)] for joint in legs.joint_names], dtype=float)
+        found = np.array([values[names.index(joint)] for joint in legs.joint_names], dtype=float)
     except (ValueError, IndexError):
-        raise GraphError(f'{field} of joints {names} in a JointState message is not complete; '
-                         f'valid is one value each for {", ".join(legs.joint_names)}') from None
+        raise GraphError(f'{field} {brief(list(values))} of joints {brief(names)} refused; valid '
+                         f'is one value each for {", ".join(legs.joint_names)}') from None
+    if not np.isfinite(found).all():
+        raise GraphError(f'{field} {brief(list(values))} refused; valid is finite')
+    return found
 
 
 def fill_imu_raw(msg: Imu, sample: ImuSample, accel_variance: float, gyro_variance: float,
@@ -230,15 +235,19 @@ def pose_stamped(T_world_body: Array, frame_id: str, stamp: Time) -> PoseStamped
 
 
 def rover_pose(odom_raw: bytes, joints_raw: bytes | None, legs: Legs) -> RoverPose:
-    """Return pose and motion; legs without a message, or without velocities, are at rest."""
+    """Return pose and motion; legs without a valid message, or without velocities, are at rest.
+
+    Whoever drives the legs counts and names messages that are not valid.
+    """
     odom = deserialize_message(odom_raw, Odometry)
     linear_mps, angular_radps = twist_of(odom)
     angles, speeds = np.zeros(len(legs.each)), np.zeros(len(legs.each))
     if joints_raw is not None:
         joints = deserialize_message(joints_raw, JointState)
-        angles = legs_of(joints, legs, 'position')
-        if len(joints.velocity):
-            speeds = legs_of(joints, legs, 'velocity')
+        with suppress(GraphError):
+            angles = legs_of(joints, legs, 'position')
+            if len(joints.velocity):
+                speeds = legs_of(joints, legs, 'velocity')
     return RoverPose(pose_of(odom), angles, linear_mps, angular_radps, speeds)
 
 

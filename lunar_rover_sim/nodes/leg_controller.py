@@ -5,19 +5,17 @@ from __future__ import annotations
 import abc
 import collections
 from collections.abc import Callable
+from contextlib import suppress
+import time
 from typing import Any, Protocol
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Twist, TwistStamped
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.base import topics
-from lunar_rover_sim.base.errors import GaitError
+from lunar_rover_sim.base.errors import GaitError, GraphError
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.message_types import name_of
@@ -28,6 +26,9 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.gait.controller import LegCommand, MAX_COMMAND
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import GaitNodeConfig, PolicyNodeConfig
+
+
+VELOCITIES = name_of(Twist), name_of(TwistStamped)
 
 
 class Controller(Protocol):
@@ -52,12 +53,14 @@ class LegControllerNode(node_main.GraphNode, abc.ABC):
 
     Attributes:
         needs: Topics without which there is nothing to answer.
+        fields: What it reads of joint states; a state that lacks a value is refused.
         legs: Of the rover.
         config: The parameters.
         states: Joint states that are not answered yet.
     """
 
     needs: tuple[str, ...] = (topics.JOINT_STATES.name,)
+    fields: tuple[str, ...] = ('position', 'velocity')
 
     def __init__(self, name: str, kind: type[GaitNodeConfig] | type[PolicyNodeConfig]) -> None:
         super().__init__(name)
@@ -84,7 +87,8 @@ class LegControllerNode(node_main.GraphNode, abc.ABC):
                                           self._answer_while_open,
                                           {topics.CMD_VEL: self._velocities.append}
                                           if self._waits else None)
-        self._velocity = None if self._waits else VelocitySubscription(self, self._set_velocity)
+        if not self._waits:
+            self._velocity = VelocitySubscription(self, self._set_velocity)
         self.create_subscription(JointState, topics.JOINT_STATES.name, self._state_callback,
                                  qos.requested(topics.JOINT_STATES, config.lockstep))
         self.prepare(config)
@@ -109,13 +113,13 @@ class LegControllerNode(node_main.GraphNode, abc.ABC):
     def forget(self) -> None:
         """Drop what belongs to a time before the present one."""
 
-    def destroy_node(self) -> None:
-        """Leave the graph, as the reader of Twist too."""
-        if self._velocity is not None:
-            self._velocity.close()
-        super().destroy_node()
-
     def _state_callback(self, msg: JointState) -> None:
+        try:
+            for field in self.fields:
+                conversions.legs_of(msg, self.legs, field)
+        except GraphError as error:
+            self.warnings.add('state', f'joint_states: {error}')
+            return
         if self._jump.has_occurred(time_ns(msg.header.stamp)):
             self.states.clear()
             self._velocities.clear()
@@ -181,14 +185,14 @@ class LegControllerNode(node_main.GraphNode, abc.ABC):
             self._listener.check_silence(time_ns(self.states[0].header.stamp))
 
 
-_FOLLOW_S = 0.2
-_POLL_S = 0.02
+_FOLLOW_S, _RELEASE_S = 0.1, 0.5
 
 
 class VelocitySubscription:
-    """Subscribes `cmd_vel` as TwistStamped and, while somebody publishes it, as Twist.
+    """Subscribes `cmd_vel` as TwistStamped or Twist; a DDS participant knows one type per topic.
 
-    Of both types at once the newest message counts.
+    It reads the type that a recorder records, so that the rover moves on nothing that its bag
+    lacks. Without a recorder it stays with a type for as long as that has a publisher.
 
     Args:
         node: Subscribes.
@@ -199,57 +203,47 @@ class VelocitySubscription:
         self._node = node
         self._on_velocity = on_velocity
         self._topic = node.resolve_topic_name(topics.CMD_VEL.name)
-        self._plain: _PlainTwist | None = None
-        node.create_subscription(TwistStamped, topics.CMD_VEL.name,
-                                 lambda msg: on_velocity(msg.twist),
-                                 qos.requested(topics.CMD_VEL, lockstep=False))
-        node.type_watch.ignore(self._topic, name_of(Twist))
+        self._recorder = node.resolve_topic_name(topics.RECORDED.name)
+        self._told: set[tuple[str, str]] = set()
+        self._subscription: Any = None
+        self._free_s = 0.0      # wall time from which another one can be made
+        self._subscribe(name_of(TwistStamped))
+        for name in VELOCITIES:
+            node.type_watch.ignore(self._topic, name)
         node.create_timer(_FOLLOW_S, self._follow)
-        node.create_timer(_POLL_S, self._poll)
 
-    def close(self) -> None:
-        """Stop reading Twist."""
-        if self._plain is not None:
-            self._plain.close()
-            self._plain = None
+    def _subscribe(self, type_name: str) -> None:
+        self._type = type_name
+        is_plain = type_name == name_of(Twist)
+        self._subscription = self._node.create_subscription(
+            Twist if is_plain else TwistStamped, topics.CMD_VEL.name,
+            self._on_velocity if is_plain else lambda msg: self._on_velocity(msg.twist),
+            qos.requested(topics.CMD_VEL, lockstep=False))
 
     def _follow(self) -> None:
-        offered = any(info.topic_type == name_of(Twist)
-                      for info in self._node.get_publishers_info_by_topic(self._topic))
-        if offered and self._plain is None:
-            self._node.get_logger().info(f'{self._topic}: publishers offer {name_of(Twist)}, '
-                                         'which is read too')
-            self._plain = _PlainTwist(self._node, self._topic, self._on_velocity)
-        elif not offered:
-            self.close()
-
-    def _poll(self) -> None:
-        if self._plain is not None:
-            self._plain.poll()
-
-
-class _PlainTwist:
-    """Reads Twist on a topic in a DDS participant of its own: one knows one type per topic."""
-
-    def __init__(self, node: GraphNode, topic: str,
-                 on_velocity: Callable[[Twist], None]) -> None:
-        self._context = Context()
-        rclpy.init(args=[], context=self._context, domain_id=node.context.get_domain_id(),
-                   signal_handler_options=SignalHandlerOptions.NO)
-        # Hidden from `ros2 node list` by its first letter.
-        self._node = rclpy.create_node(
-            f'_{node.get_name()}_twist', namespace=node.get_namespace(), context=self._context,
-            use_global_arguments=False, start_parameter_services=False, enable_rosout=False)
-        self._node.create_subscription(Twist, topic, on_velocity, qos.reliable(1))
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-
-    def poll(self) -> None:
-        """Hand on the newest message, if there is one."""
-        self._executor.spin_once(timeout_sec=0.0)
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        publishers = self._node.get_publishers_info_by_topic(self._topic)
+        offered = {info.topic_type for info in publishers}
+        recorders = {(info.node_namespace, info.node_name) for info
+                     in self._node.get_publishers_info_by_topic(self._recorder)}
+        recorded = {info.topic_type
+                    for info in self._node.get_subscriptions_info_by_topic(self._topic)
+                    if (info.node_namespace, info.node_name) in recorders}
+        wanted = sorted((recorded or offered).intersection(VELOCITIES))
+        if self._subscription is None and time.monotonic() > self._free_s:
+            # Where the executor still holds the one before, a later look can.
+            with suppress(RuntimeError):
+                self._subscribe(wanted[0] if wanted else self._type)
+                self._node.get_logger().info(f'{self._topic}: {self._type} is read from now on')
+        elif self._subscription is not None and wanted and self._type not in wanted:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription, self._free_s = None, time.monotonic() + _RELEASE_S
+        if self._subscription is None:
+            return
+        for info in publishers:
+            key = info.node_name, info.topic_type
+            if info.topic_type != self._type and key not in self._told:
+                self._told.add(key)
+                self._node.get_logger().warning(
+                    f'{self._topic}: {info.topic_type} of {info.node_name} is refused: '
+                    f'{self._type} is {"recorded" if recorded else "read"} on this topic; publish '
+                    'one type only')

@@ -20,6 +20,7 @@ from std_msgs.msg import Header
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import GraphError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.image.lidar.lidar import Lidar
 from lunar_rover_sim.image.lidar.motion import ScanMotion
@@ -129,9 +130,14 @@ class LidarNode(node_main.GraphNode):
 
     def _joints_callback(self, msg: JointState) -> None:
         stamp = time_ns(msg.header.stamp)
+        try:
+            angles = conversions.legs_of(msg, self._legs, 'position')
+        except GraphError as error:
+            self.warnings.add('state', f'joint_states: {error}')
+            return
         for old in [ns for ns in self._angles if self._states and ns < self._states[0][0]]:
             del self._angles[old]
-        self._angles[stamp] = conversions.legs_of(msg, self._legs, 'position')
+        self._angles[stamp] = angles
         if self._next is not None and stamp >= (self._next + 1) * self._config.period_ns:
             self.wake()
 

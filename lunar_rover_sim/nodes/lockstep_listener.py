@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import collections
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 import time
 from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
@@ -161,16 +162,19 @@ class LockstepListener:
             infos = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
             if infos:
                 self._without_publisher.remove(topic)
-                self._check_type(topic, infos[0].topic_type)
-                if topic not in self._types:
+                if topic in self._types:
+                    self._check_types(topic, infos)
+                else:
                     self._subscribe(topic, infos[0].topic_type)
         if not self._without_publisher:
             self._timer.cancel()
 
-    def _check_type(self, topic: str, type_name: str) -> None:
-        expected = self._types.get(topic, type_name)
-        if type_name != expected:
-            raise GraphError(f'{topic}: type {type_name} is not valid; time waits for {expected}')
+    def _check_types(self, topic: str, infos: Sequence[TopicEndpointInfo]) -> None:
+        """Raise GraphError for a publisher of another type: a recorder might take that one."""
+        for info in infos:
+            if info.topic_type != self._types[topic]:
+                raise GraphError(f'{topic}: type {info.topic_type} of {info.node_name} is not '
+                                 f'valid; time waits for {self._types[topic]}')
 
     def _subscribe(self, topic: str, type_name: str) -> None:
         def handled(msg: Any) -> None:

@@ -216,10 +216,10 @@ class PhysicsNode(node_main.GraphNode):
     # Commands
 
     def _command_callback(self, msg: JointState) -> None:
-        velocity = conversions.legs_of(msg, self._simulation.rover.legs, 'velocity')
-        if not np.isfinite(velocity).all():
-            self.warnings.add('velocity', f'joint_commands: velocity {velocity.tolist()} refused',
-                              '; valid is finite')
+        try:
+            velocity = conversions.legs_of(msg, self._simulation.rover.legs, 'velocity')
+        except GraphError as error:
+            self.warnings.add('velocity', f'joint_commands: {error}')
             return
         self._simulation.command(velocity)
 

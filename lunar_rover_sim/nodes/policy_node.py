@@ -36,6 +36,7 @@ class PolicyNode(LegControllerNode):
     """
 
     needs = (topics.JOINT_STATES.name, topics.IMU_RAW.name)
+    fields = ('position', 'velocity', 'effort')
 
     def __init__(self) -> None:
         super().__init__('policy_node', PolicyNodeConfig)

@@ -37,6 +37,8 @@ _VELOCITIES = ('geometry_msgs/msg/Twist', 'geometry_msgs/msg/TwistStamped')
 _LATEST_NS = 5 * NS_PER_S
 # A bag that ends so long before its run is incomplete; without the clock, an image is the newest.
 _CLOCK_S, _FRAMES_S = 1.1, 2.0
+_FLOOD_LOOK_S, _MOST_HZ = 1.0, 2000     # lockstep at its fastest has 1000 states a second
+_STANDSTILL_S = 3.0     # wall time without the clock, after which a recorder without a run says so
 
 
 class RecorderNode(node_main.GraphNode):
@@ -64,6 +66,10 @@ class RecorderNode(node_main.GraphNode):
         self._rate, self._drops, self._newest_told_ns = Rate(0.0), Drops(), -1
         self._newest_ns, self._pace = 0, RecordingPace()
         self._clock_ns = 0     # the latest, also of the time before a restart
+        self._clock_s = time.monotonic()    # when it came
+        self._stands_still = self._clock_left = False
+        self._lately: dict[str, int] = {}   # topic → messages since the last look at them
+        self._counted_s = time.monotonic()
         self._warned: set[str] = set()
         self._velocities: dict[str, str] = {}   # topic → type
 
@@ -94,18 +100,24 @@ class RecorderNode(node_main.GraphNode):
     def close(self) -> None:
         """Finish the bag, which holds every message received.
 
-        It stays marked where a run ended before its time: by Ctrl-C, or since it was killed.
+        It stays marked where a run ended before its time, by Ctrl-C or since it was killed, and
+        where a clock without a run stood still at the end, whose publisher has not left in order.
         """
         end_ns = max(self._clock_ns, self._newest_ns)
         incomplete = why_short(end_ns, self._duration_s,
                                _CLOCK_S if self._clock_ns else _FRAMES_S)
         if self._runner is not None and os.getppid() != self._runner:
             incomplete = 'the run was killed'
+        if self._stands_still and not self._clock_left:
+            incomplete = (f'the clock stopped at {self._clock_ns / NS_PER_S:.3f} s, '
+                          f'{time.monotonic() - self._clock_s:.0f} s before the recording ended')
         self._writer.close(incomplete, self._pace.real_time_factor)
 
     def _discover(self) -> None:
         self._publish_written()
         self._name_other_types()
+        self._watch_clock()
+        self._name_floods()
         now_s = time.monotonic()
         if (now_s - self._last_new_topic_s > _SETTLED_S
                 and now_s - self._last_discovery_s < _SETTLED_DISCOVERY_S):
@@ -115,6 +127,9 @@ class RecorderNode(node_main.GraphNode):
             if name in self._subscribed or not self._is_wanted(name):
                 continue
             infos = self.get_publishers_info_by_topic(name)
+            # Of several types the one that others read, too.
+            read = {info.topic_type for info in self.get_subscriptions_info_by_topic(name)}
+            infos.sort(key=lambda info: info.topic_type not in read)
             if infos:
                 self._subscribe(name, infos[0].topic_type, infos)
         if self._publisher is None and self._needed <= self._subscribed:
@@ -124,8 +139,8 @@ class RecorderNode(node_main.GraphNode):
     def _name_other_types(self) -> None:
         """Warn of velocities of another type than the recorded one as soon as they are offered.
 
-        The gait controller reads both types, and a publisher may live for a second only. A
-        subscription of each type would need a participant of its own.
+        A controller of the legs refuses them, so the rover does not move by what the bag lacks. A
+        publisher may live for a second only.
         """
         for name, recorded in self._velocities.items():
             for info in self.get_publishers_info_by_topic(name):
@@ -134,9 +149,37 @@ class RecorderNode(node_main.GraphNode):
                     self._warned.add(key)
                     self.type_watch.ignore(name, info.topic_type)
                     self.get_logger().warning(
-                        f'{name}: {info.topic_type} is not recorded: the bag has {recorded} on '
-                        'this topic; publish one type only, or the bag lacks commands that moved '
-                        'the rover')
+                        f'{name}: {info.topic_type} of {info.node_name} is neither recorded nor '
+                        f'driven: the bag has {recorded} on this topic; publish one type only')
+
+    def _name_floods(self) -> None:
+        """Warn of topics with more messages than a recorder keeps up with."""
+        since_s = time.monotonic() - self._counted_s
+        if since_s < _FLOOD_LOOK_S:
+            return
+        for name, count in self._lately.items():
+            if count > _MOST_HZ * since_s and f'{name} flood' not in self._warned:
+                self._warned.add(f'{name} flood')
+                self.get_logger().warning(
+                    f'{name}: {count / since_s:.0f} messages a second: more than {_MOST_HZ} may '
+                    'be lost, and the bag does not say which')
+        self._lately, self._counted_s = {}, time.monotonic()
+
+    def _watch_clock(self) -> None:
+        """Say that a clock stands still: in a run, physics and the supervisor do."""
+        silent_s = time.monotonic() - self._clock_s
+        if self._runner is not None or not self._clock_ns or silent_s < 0.5:
+            self._stands_still = self._clock_left = False
+        elif silent_s < _STANDSTILL_S:
+            # Who leaves in order is gone at once, who is killed only when its lease ends.
+            self._clock_left = not self.count_publishers(self._clock_name)
+        else:
+            if not self._stands_still:
+                self._stands_still = True
+                self.get_logger().warning(
+                    f'{self._clock_name} stands still at {self._clock_ns / NS_PER_S:.3f} s: '
+                    + ('its publisher has left' if self._clock_left else 'time is paused, or '
+                       'physics_node is dead; the bag is marked if it ends like this'))
 
     def _full(self, name: str) -> str:
         """Return the full name of a topic, which may be one of the contract."""
@@ -178,6 +221,7 @@ class RecorderNode(node_main.GraphNode):
         def callback(raw: bytes) -> None:
             # A message without a stamp gets the newest time, a latched one the start.
             self._rate.tick()
+            self._lately[name] = self._lately.get(name, 0) + 1
             latest_ns = None if is_clock or not self._clock_ns else self._clock_ns + _LATEST_NS
             if at_wall_time:    # its messages get the time of their arrival in the bag
                 latest_ns = 0
@@ -185,6 +229,7 @@ class RecorderNode(node_main.GraphNode):
                                           latest_ns)
             if is_clock:
                 self._clock_ns = max(self._clock_ns, stamp_ns)
+                self._clock_s = time.monotonic()
             elif (name in self._writer.of_another_clock and name not in self._warned
                     and not at_wall_time):
                 self._warned.add(name)
@@ -204,8 +249,11 @@ class RecorderNode(node_main.GraphNode):
             self.get_logger().warning(f'{name}: {event.total_count} messages are lost',
                                       throttle_duration_sec=1.0)
 
-        # A latched message is meant to be replaced by the next one.
-        events = None if latched else SubscriptionEventCallbacks(message_lost=on_loss)
+        # A latched message is meant to be replaced by the next one. Others come as fast as their
+        # publisher likes, and rmw_fastrtps (Jazzy) locks up where messages are lost while an event
+        # of earlier ones is taken: its locks are in another order than those of the reader.
+        is_periodic = topic is not None and topic.rate not in (topics.EVENT, topics.LATCHED)
+        events = SubscriptionEventCallbacks(message_lost=on_loss) if is_periodic else None
         self.create_subscription(cls, name, callback, profile, raw=True, event_callbacks=events)
 
     def _rate_status(self) -> SubjectStatus:

@@ -1,6 +1,8 @@
 """Recorders beside a plain rclpy program; both types of cmd_vel; nodes in namespaces."""
 
+from collections.abc import Iterator
 from contextlib import ExitStack
+import math
 from pathlib import Path
 import signal
 import subprocess
@@ -14,6 +16,7 @@ import pytest
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy')
 
+from builtin_interfaces.msg import Time  # noqa: E402
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from nav_msgs.msg import Path as PathMsg  # noqa: E402
@@ -22,15 +25,14 @@ from rcl_interfaces.srv import GetParameters  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.duration import Duration  # noqa: E402
-from sensor_msgs.msg import CompressedImage, Imu, JointState  # noqa: E402
-from waiting import wait_until  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
+from sensor_msgs.msg import CompressedImage, JointState  # noqa: E402
 
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.base.files.paths import find_file  # noqa: E402
 from lunar_rover_sim.judge.evaluation.trajectory_files import read_tum  # noqa: E402
-from lunar_rover_sim.nodes.drive_node import DriveNode  # noqa: E402
-from lunar_rover_sim.nodes.reader_discovery import UNKNOWN_NAME  # noqa: E402
 from lunar_rover_sim.products.inspection.check import check  # noqa: E402
+from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
 from lunar_rover_sim.run.plan import prepare, resolve, rover_overrides, SCENARIO_FILE  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
@@ -58,24 +60,40 @@ def test_recorder_node_records_what_it_finds(peer: Peer, tmp_path: Path) -> None
         assert recorded.counts['/stereo/left/image_raw/compressed'] == 1
 
 
-def test_velocities_of_another_type_are_named_at_once(peer: Peer, tmp_path: Path) -> None:
-    """Even if their publisher lives for half a second only."""
-    context = Context()         # a DDS participant knows one type per topic
-    rclpy.init(context=context)
-    other = rclpy.create_node('other', context=context)
+def test_a_flood_does_not_hold_up_the_end_of_a_recording(peer: Peer, tmp_path: Path) -> None:
+    """Messages are lost, and the middleware must not lock up over it; the file is finished."""
     publisher = peer.node.create_publisher(Twist, 'cmd_vel', 10)
-    try:
-        with running('recorder_node', '-p', f'output:={tmp_path / "bag"}') as node:
-            peer.spin_until(lambda: publisher.get_subscription_count() > 0)
-            stamped = other.create_publisher(TwistStamped, 'cmd_vel', 10)
-            time.sleep(0.5)
-            other.destroy_publisher(stamped)
-            told = next((line for line in node.stdout if 'is not recorded' in line), '')
-        assert '/cmd_vel: geometry_msgs/msg/TwistStamped is not recorded: the bag has ' \
-            'geometry_msgs/msg/Twist on this topic' in told
-    finally:
-        other.destroy_node()
-        context.try_shutdown()
+    with running('recorder_node', '-p', f'output:={tmp_path / "bag"}') as node:
+        peer.spin_until(lambda: publisher.get_subscription_count() > 0)
+        end_s = time.monotonic() + 4.0
+        while time.monotonic() < end_s:
+            publisher.publish(Twist())
+        node.send_signal(signal.SIGINT)
+        assert node.wait(60) == 0
+        assert 'messages a second' in node.stdout.read()
+    with open_bag(tmp_path / 'bag') as bag:
+        assert bag.incomplete is None
+        assert bag.count('cmd_vel') == sum(1 for _ in bag.raw(['cmd_vel'])) > 1000
+
+
+def test_a_clock_that_stops_is_told_and_marks_the_bag(peer: Peer, tmp_path: Path) -> None:
+    """Without a run nobody else sees it; a publisher that leaves in order marks nothing."""
+    for leaves in (True, False):
+        path = tmp_path / str(leaves)
+        clock = peer.node.create_publisher(Clock, '/clock', 10)
+        with running('recorder_node', '-p', f'output:={path}') as node:
+            peer.spin_until(lambda: clock.get_subscription_count() > 0)
+            for second in range(1, 4):
+                clock.publish(Clock(clock=Time(sec=second)))
+            assert clock.wait_for_all_acked(Duration(seconds=30))
+            if leaves:
+                peer.node.destroy_publisher(clock)
+            assert node.stdout is not None
+            told = next(line for line in node.stdout if 'stands still at 3.000 s' in line)
+            assert ('its publisher has left' in told) == leaves
+        with open_bag(path) as bag:
+            assert (bag.incomplete is None) == leaves
+            assert leaves or 'the clock stopped at 3.000 s' in str(bag.incomplete)
 
 
 def test_a_recording_that_ends_before_its_run_stays_marked(tmp_path: Path) -> None:
@@ -135,82 +153,109 @@ def test_trajectory_recorder_node_writes_tum(peer: Peer, tmp_path: Path) -> None
         assert np.allclose(trajectory.orientations_wxyz, [1, 0, 0, 0])
 
 
-def test_cmd_vel_of_both_types_moves_the_legs(peer: Peer) -> None:
-    """Twist as teleop_twist_keyboard sends it; then, with both offered, of each in turn."""
-    commands = peer.listen(JointState, 'joint_commands')
-    states = peer.node.create_publisher(JointState, 'joint_states', 10)
-    ticks = [0]
-    # A DDS participant knows one type per topic.
+class Legs:
+    """Feeds a gait controller with states, and with velocities of one type at a time."""
+
+    def __init__(self, peer: Peer, teleop: Any) -> None:
+        self.peer = peer
+        self._commands = peer.listen(JointState, 'joint_commands')
+        self._states = peer.node.create_publisher(JointState, 'joint_states', 10)
+        # A DDS participant knows one type per topic.
+        self._makers = {Twist: teleop, TwistStamped: peer.node}
+        self._publishers: dict[Any, Any] = {}
+        self._ticks = 0
+        self.sent = {Twist: 0, TwistStamped: 0}
+
+    def offer(self, kind: Any) -> None:
+        self._publishers[kind] = self._makers[kind].create_publisher(kind, 'cmd_vel', 10)
+
+    def leave(self, kind: Any) -> None:
+        self._makers[kind].destroy_publisher(self._publishers.pop(kind))
+
+    def tick(self, kind: Any = None) -> None:
+        self._ticks += 1
+        state = JointState(name=LEGS, position=[0.0] * 4, velocity=[0.0] * 4)
+        state.header.stamp.sec, state.header.stamp.nanosec = divmod(5_000_000 * self._ticks,
+                                                                    10**9)
+        self._states.publish(state)
+        if kind is not None:
+            twist = Twist()
+            twist.linear.x = 0.1
+            self._publishers[kind].publish(
+                twist if kind is Twist else TwistStamped(header=state.header, twist=twist))
+            self.sent[kind] += 1
+
+    @property
+    def are_fast(self) -> bool:
+        return bool(self._commands) and max(map(abs, self._commands[-1].velocity)) > 0.5
+
+
+@pytest.fixture()
+def legs(peer: Peer) -> Iterator[Legs]:
     context = Context()
     rclpy.init(context=context)
     teleop = rclpy.create_node('teleop', context=context)
-    publishers = {Twist: teleop.create_publisher(Twist, 'cmd_vel', 10)}
-    sending: list[Any] = [Twist]
+    yield Legs(peer, teleop)
+    teleop.destroy_node()
+    context.try_shutdown()
 
-    def tick() -> None:
-        ticks[0] += 1
-        state = JointState(name=LEGS, position=[0.0] * 4, velocity=[0.0] * 4)
-        state.header.stamp.sec, state.header.stamp.nanosec = divmod(5_000_000 * ticks[0], 10**9)
-        states.publish(state)
-        twist = Twist()
-        twist.linear.x = 0.1
-        for kind in sending:
-            publishers[kind].publish(
-                twist if kind is Twist else TwistStamped(header=state.header, twist=twist))
 
-    def is_fast(wanted: bool) -> bool:
-        return bool(commands) and (max(map(abs, commands[-1].velocity)) > 0.5) == wanted
+def test_the_type_of_cmd_vel_may_change(legs: Legs) -> None:
+    """Twist, TwistStamped, Twist: each moves the legs while it alone has a publisher."""
+    with running('gait_controller_node', '-p', 'cmd_timeout_s:=0.02'):
+        for kind in (Twist, TwistStamped, Twist):
+            legs.offer(kind)
+            legs.peer.spin_until(lambda: legs.are_fast, meanwhile=lambda: legs.tick(kind))
+            legs.leave(kind)
+            legs.peer.spin_until(lambda: not legs.are_fast, meanwhile=legs.tick)
 
-    try:
-        with running('gait_controller_node', '-p', 'cmd_timeout_s:=0.02') as node:
-            peer.spin_until(lambda: is_fast(True), meanwhile=tick)
-            publishers[TwistStamped] = peer.node.create_publisher(TwistStamped, 'cmd_vel', 10)
-            for kind in (TwistStamped, Twist):
-                sending.clear()
-                peer.spin_until(lambda: is_fast(False), meanwhile=tick)
-                sending.append(kind)
-                peer.spin_until(lambda: is_fast(True), meanwhile=tick)
+
+def test_what_moves_the_rover_is_in_the_bag(legs: Legs, tmp_path: Path) -> None:
+    """A second type is neither recorded nor driven, even after the first has left."""
+    with running('recorder_node', '-p', f'output:={tmp_path / "bag"}') as recorder, \
+            running('gait_controller_node', '-p', 'cmd_timeout_s:=0.02') as gait:
+        legs.offer(Twist)
+        legs.peer.spin_until(lambda: legs.are_fast, meanwhile=lambda: legs.tick(Twist))
+        legs.offer(TwistStamped)
+        legs.peer.spin_until(lambda: not legs.are_fast, meanwhile=legs.tick)
+        for leaves in (False, True):
+            if leaves:
+                legs.leave(Twist)
+            for _ in range(20):
+                legs.peer.spin_until(lambda: True)
+                legs.tick(TwistStamped)
+                rclpy.spin_once(legs.peer.node, timeout_sec=0.05)
+                assert not legs.are_fast
+        for node, said in ((gait, 'TwistStamped of peer is refused: geometry_msgs/msg/Twist is '
+                                  'recorded on this topic'),
+                           (recorder, 'TwistStamped of peer is neither recorded nor driven')):
             node.send_signal(signal.SIGINT)
-            log = node.stdout.read()
-        assert 'publishers offer geometry_msgs/msg/Twist, which is read too' in log
-        assert 'no message gets through' not in log
-    finally:
-        teleop.destroy_node()
-        context.try_shutdown()
+            assert said in node.stdout.read()
+    with open_bag(tmp_path / 'bag') as bag:
+        assert bag.types['/cmd_vel'] == 'geometry_msgs/msg/Twist'
+        assert 0 < bag.count('cmd_vel') <= legs.sent[Twist]
 
 
-def test_another_type_is_named_with_ours(domain: int,
-                                         capfd: pytest.CaptureFixture[str]) -> None:
-    """DDS does not connect them, and says nothing.
-
-    The gait controller is not named: it reads a Twist in a hidden node.
-    """
-    context = Context()
-    rclpy.init(context=context)
-    other = rclpy.create_node('other', context=context)
-    other.create_subscription(Imu, 'cmd_vel', print, 10)
-    rclpy.init(args=['--ros-args', '-p', 'enable_stamped_cmd_vel:=false'])
-    drive = DriveNode()
-
-    def readers() -> set[str]:
-        return {info.node_name for info in drive.get_subscriptions_info_by_topic('/cmd_vel')}
-
-    try:
-        with running('gait_controller_node'):
-            wait_until(lambda: len(readers() - {UNKNOWN_NAME}) == 3)
-            for _ in range(2):      # it warns of what it sees in two looks
-                for timer in drive.timers:
-                    timer.callback()
-    finally:
-        drive.destroy_node()
-        rclpy.try_shutdown()
-        other.destroy_node()
-        context.try_shutdown()
-    told = [line for line in capfd.readouterr().err.splitlines()
-            if 'no message gets through' in line]
-    assert len(told) == 1, told
-    assert 'geometry_msgs/msg/Twist, but sensor_msgs/msg/Imu is read by other' in told[0]
-    assert 'WARN' in told[0]
+def test_bad_joint_states_and_commands_are_refused_and_counted(
+        domain: int, tmp_path: Path, peer: Peer, world_folder: Path) -> None:
+    """Without joints, without values, not finite, on both topics of a run: it goes on."""
+    bad = [JointState(), JointState(name=LEGS), JointState(name=LEGS, velocity=[1.0]),
+           JointState(name=LEGS, position=[math.nan] * 4, velocity=[math.nan] * 4)]
+    scenario = resolve(Scenario.load('flat', [
+        'time_mode=real_time', 'physics_node.ground.model=rigid',
+        'run.nodes=[physics_node, gait_controller_node, recorder_node]'], duration_s=3.0))
+    folder = tmp_path / 'run'
+    publishers = [peer.node.create_publisher(JointState, name, 10)
+                  for name in ('joint_states', 'joint_commands')]
+    with NodeProcesses(prepare(scenario, folder, world_folder), folder, domain) as graph:
+        peer.spin_until(graph.has_finished, meanwhile=lambda: [
+            publisher.publish(message) for publisher in publishers for message in bad])
+    for node, words in (('physics_node', 'joint_commands: velocity'),
+                        ('gait_controller_node', 'joint_states: position')):
+        log = (folder / f'logs/{node}.log').read_text()
+        assert words in log and 'so far)' in log
+    with open_bag(folder / 'bag') as bag:
+        assert bag.incomplete is None and bag.count('tf') > 100
 
 
 def test_a_scenario_holds_under_another_name(peer: Peer) -> None:

@@ -17,7 +17,7 @@ from mcap.stream_reader import StreamReader
 
 from lunar_rover_sim.bag.marker import has_end, MAGIC, METADATA_NAME
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.totals import is_at_wall_time
+from lunar_rover_sim.bag.totals import is_at_wall_time, recorded_counts
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import one_line
 from lunar_rover_sim.base.seconds import NS_PER_S
@@ -94,7 +94,7 @@ def _damage(path: Path) -> str | None:
 
 
 def readable(bag: Bag, read: Mapping[str, int], report: CheckReport) -> None:
-    """As many messages are read as the bag counts.
+    """As many messages are read as the bag counts, and as were recorded.
 
     Args:
         read: Topic → messages that were read already.
@@ -105,6 +105,9 @@ def readable(bag: Bag, read: Mapping[str, int], report: CheckReport) -> None:
         found[message.topic] += 1
     problems = [f'{topic}: {found[topic]} of {count} messages are found'
                 for topic, count in bag.counts.items() if found[topic] != count]
+    problems = problems or [f'{topic}: {found.get(topic, 0)} of {count} recorded messages'
+                            for topic, count in recorded_counts(bag).items()
+                            if found.get(topic, 0) != count]
     total = sum(found.values())
     if not problems and total != bag.message_count:
         problems.append(f'message_count: {bag.message_count} by {METADATA_NAME}, {total} are '
@@ -158,6 +161,7 @@ def one_clock(bag: Bag, end_ns: int, report: CheckReport) -> None:
 def _check(rover: RoverData, report: CheckReport) -> None:
     """Run all checks on one rover of a bag."""
     for one in (rates, duration, message_checks.contract_topics, message_checks.counts,
+                message_checks.commands,
                 message_checks.stamps, message_checks.stereo_sets, message_checks.contents,
                 message_checks.world_hash, message_checks.ground, checks.scans,
                 checks.imu_and_odometry, checks.imu_noise, checks.calibration,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 import re
 from typing import Any
@@ -22,11 +23,11 @@ from lunar_rover_sim.run.publication import is_recorded, unpublished
 from lunar_rover_sim.sensors.registry import sensor_of
 
 # Velocity commands come at the pace of their publisher; recordings of earlier versions lack the
-# CameraInfo of the depth image and the exposure; slam_node, lidar_node and mapping_node take part
-# on request.
+# CameraInfo of the depth image and the exposure; slam_node, lidar_node, mapping_node and
+# navigator_node take part on request.
 OPTIONAL = tuple(topic.name for topic in (
     *topics.OF_VISION, topics.CMD_VEL, topics.DEPTH_INFO, topics.EXPOSURE, topics.SLAM_STATUS,
-    topics.LIDAR_SCANNED, topics.TRAVERSABILITY, topics.MISCALIBRATION))
+    topics.LIDAR_SCANNED, topics.TRAVERSABILITY, topics.NAVIGATOR_STATUS, topics.MISCALIBRATION))
 _MAX_BYTES = 1 << 20     # of world.yaml
 _VOLUME_M = 1e-5    # sum over all samples that rounding to float32 may leave
 
@@ -81,12 +82,28 @@ def counts(rover: RoverData, report: CheckReport) -> None:
         report.verdict(f'{rate} counts', problems, fine,
                        Status.WARN if rover.real_time else Status.FAIL)
     problems = [f'{t.name}: {len(t.stamps_ns)} messages' for t in rover.of_rate(LATCHED)
-                if len(t.stamps_ns) != 1 and t.topic is not topics.TF_STATIC
+                if len(t.stamps_ns) != 1 and not (t.topic is topics.TF_STATIC and t.stamps_ns)
                 # Sent again to every new reader.
                 and not (t.topic is topics.GROUND_SNAPSHOT and t.stamps_ns)
                 # A dated sun moves, a navigator goes on.
                 and not (t.topic in topics.CHANGING and (np.diff(t.stamps_ns) > 0).all())]
     report.verdict('latched', problems, f'{len(rover.of_rate(LATCHED))} topics, once each')
+
+
+def commands(rover: RoverData, report: CheckReport) -> None:
+    """In lockstep drive_node commands a velocity at each of its periods; the last may be late."""
+    drive = functools.partial(rover.scenario.get, 'drive_node')
+    found = rover.scan.topics.get(topics.CMD_VEL.name)
+    rate_hz = rover.scenario.number('drive_node', 'rate_hz', 0.0)
+    if (found is None or not rate_hz or rover.real_time or drive('mode', 'none') == 'none'
+            or not drive('enable_stamped_cmd_vel', True)
+            or 'drive_node' not in (rover.scenario.get('run', 'nodes') or [])):
+        return
+    period = round(NS_PER_S / rate_hz)
+    expected = np.arange(period, rover.end_ns, period)
+    lost = len(np.setdiff1d(expected, found.stamps_ns))
+    problems = [f'{found.name}: {lost} of {len(expected)} missing'] if lost else []
+    report.verdict('commands', problems, f'{len(expected)} at {rate_hz:g} Hz')
 
 
 def stamps(rover: RoverData, report: CheckReport) -> None:

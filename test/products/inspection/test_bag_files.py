@@ -68,7 +68,8 @@ def _join(folder: Path, bags: list[Path]) -> Path:
               for topic in second['topics_with_message_count']}
     for topic in first['topics_with_message_count']:
         topic['message_count'] += counts[topic['topic_metadata']['name']]
-    first |= {'relative_file_paths': [*first['relative_file_paths'],
+    first |= {'custom_data': None,
+              'relative_file_paths': [*first['relative_file_paths'],
                                       *second['relative_file_paths']],
               'files': [*first['files'], *second['files']],
               'duration': {'nanoseconds': end_ns - start_ns},

@@ -153,6 +153,44 @@ def test_the_odometry_of_an_estimator_is_no_second_rover(tmp_path, good):
     assert check(tmp_path / 'bag').ok
 
 
+def commanded(items: list[Item]) -> list[Item]:
+    """Return a drive with drive_node in its run, and its commands."""
+    text = SCENARIO.replace('MODE', 'lockstep').replace(
+        'duration_s: 0.6', 'duration_s: 0.6, nodes: [physics_node, drive_node, render_node, '
+        'gait_controller_node, recorder_node]')
+    text += 'drive_node:\n  ros__parameters: {mode: spline, rate_hz: 20}\n'
+    zero = synthetic.vector((0, 0, 0))
+    return edited(items, 'scenario', setter('data', text)) + [
+        Item('cmd_vel', 'geometry_msgs/msg/TwistStamped', synthetic.msg(
+            'geometry_msgs/TwistStamped', header=synthetic.header(50_000_000 * k, 'base_link'),
+            twist=synthetic.msg('geometry_msgs/Twist', linear=zero, angular=zero)))
+        for k in range(1, 13)]
+
+
+def test_commands_and_fixed_frames_that_were_taken_out_are_missed(tmp_path, good):
+    """By the plan of the run, and by what the recorder counted, which tools leave as it was."""
+    items = commanded(good)
+    whole = synthetic.write(tmp_path / 'whole', items)
+    assert check(whole).ok
+    counted = yaml.safe_load((whole / marker.METADATA_NAME).read_text())[
+        'rosbag2_bagfile_information']['custom_data']
+    fewer = [i for i in items if not (i.topic == 'cmd_vel' and
+                                      i.message.header.stamp.nanosec in (10**8, 350_000_000))]
+    for name, taken, by_plan, by_count in (
+            ('commands', fewer, ('commands', '/cmd_vel: 2 of 11 missing'),
+             ('readable', '/cmd_vel: 10 of 12 recorded messages')),
+            ('frames', [i for i in items if i.topic != 'tf_static'],
+             ('topics', 'missing: tf_static'),
+             ('readable', '/tf_static: 0 of 1 recorded messages'))):
+        bag = synthetic.write(tmp_path / name, taken)
+        assert [(f.check, f.detail) for f in check(bag).failed] == [by_plan]
+        path = bag / marker.METADATA_NAME
+        document = yaml.safe_load(path.read_text())
+        document['rosbag2_bagfile_information']['custom_data'] = counted
+        path.write_text(yaml.safe_dump(document))
+        assert [(f.check, f.detail) for f in check(bag).failed] == [by_plan, by_count]
+
+
 def test_padding_and_wall_time_do_not_count(tmp_path, good):
     log = synthetic.msg('rcl_interfaces/Log', stamp=synthetic.time(10**18), level=20, name='n',
                         msg='m', file='f', function='g', line=1)
@@ -183,4 +221,5 @@ def test_messages_that_the_reader_does_not_find(good: list[Item], tmp_path: Path
             del entry['topic_metadata']['offered_qos_profiles']
     path.write_text(yaml.safe_dump(metadata))
     assert [(f.check, f.detail) for f in check(bag).failed] == [
+        ('latched', '/tf_static: 0 messages'),
         ('readable', '/tf_static: 0 of 1 messages are found')]
