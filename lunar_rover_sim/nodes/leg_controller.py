@@ -27,7 +27,6 @@ from lunar_rover_sim.rover.gait.controller import LegCommand, MAX_COMMAND
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import GaitNodeConfig, PolicyNodeConfig
 
-
 VELOCITIES = name_of(Twist), name_of(TwistStamped)
 
 
