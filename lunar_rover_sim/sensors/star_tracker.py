@@ -26,9 +26,7 @@ _SMALL_DIGITS = 20      # of variances
 class StarTrackerConfig(Parameters):
     """A star tracker on the deck.
 
-    Errors, rate, largest turn rate and exclusion angle of the sun are those of a Sinclair
-    Interplanetary (Rocket Lab) ST-16RT2, from memory of its data sheet. The exclusion angles of
-    Earth and ground are choices.
+    All values are choices, of the size that small star trackers have.
     """
 
     enabled: bool = param(True, 'false publishes the true attitude, where stars can be seen')
