@@ -28,7 +28,7 @@ def demo(output: Path | None, fast: bool) -> int:
     for words in (run + (['--fast'] if fast else []),
                   ['bag', 'check', str(bag)],
                   ['bag', 'preview', str(bag), '-o', str(pictures)]):
-        say(f'$ lunar_rover_sim {shlex.join(words)}')
+        print(f'$ lunar_rover_sim {shlex.join(words)}', flush=True)   # one line, to be copied
         if status := execute(words):
             return status
     say(f'pictures: {pictures.resolve()}')
