@@ -101,6 +101,26 @@ def test_inline_scripts_exist() -> None:
     assert not missing
 
 
+def test_parameters_to_vary_exist() -> None:
+    """Each name on the page is a parameter, or a group of them, below the prefix of its row."""
+    text = (ROOT / 'docs/reference/parameters.md').read_text(encoding='utf-8')
+    known, section = set(), ''
+    for line in text.splitlines():
+        if head := re.match(r'## `(.+)`', line):
+            section = head[1]
+        elif row := re.match(r'\| `(.+?)` \|', line):
+            known.add(f'{section}.{row[1]}')
+    page = (ROOT / 'docs/howto/vary.md').read_text(encoding='utf-8')
+    rows = [line.split(' | ') for line in page.splitlines() if line.startswith('| ')][1:]
+    assert len(rows) > 20
+    for _, prefixes, names in rows:
+        for name in re.findall(r'`([\w.]+)`', names):
+            full = {name, *(f'{above}.{name}' for prefix in re.findall(r'`(.+?)`', prefixes)
+                            for above in (prefix, prefix.partition('.')[0]))}
+            assert any(each.startswith(tuple(full)) or each.rpartition('.')[2].startswith(name)
+                       for each in known), name
+
+
 def test_links_of_pages_outside_sphinx() -> None:
     """README and CONTRIBUTING link to files that exist; other addresses are https."""
     for page in (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md'):
