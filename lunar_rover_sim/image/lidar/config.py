@@ -63,8 +63,9 @@ class LidarConfig(Parameters):
             raise ConfigError(f'rate_hz: {self.rate_hz} is not valid; {columns} columns fit into '
                               'a scan, valid is >= 2')
         if columns * optics.beams > MAX_POINTS:
-            raise ConfigError(f'{columns} columns of {optics.beams} beams are not valid; valid '
-                              f'are up to {MAX_POINTS} points of a scan')
+            raise ConfigError(f'own.beams: {optics.beams} is not valid with {columns} columns of '
+                              f'a scan; valid is <= {MAX_POINTS // columns}, up to {MAX_POINTS} '
+                              'points of a scan')
         if self.horizontal_beam >= optics.beams:
             raise ConfigError(f'horizontal_beam: {self.horizontal_beam} is not valid for '
                               f'{self.part}; valid is < {optics.beams}')

@@ -9,7 +9,6 @@ from lunar_rover_sim.base.frames import Array, se3
 from lunar_rover_sim.image.camera.chase import ChaseConfig, ChaseMount, looking_at
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
-from lunar_rover_sim.run.node_config import RenderNodeConfig
 
 
 def pose_at(x_m: float, y_m: float, yaw_rad: float = 0.0, z_m: float = 0.1) -> RoverPose:
@@ -208,9 +207,3 @@ def test_straight_down_has_a_picture() -> None:
     """From right above, no direction is up in the image; a rotation is returned all the same."""
     T = looking_at(np.array([0.0, 0.0, 5.0]), np.zeros(3))
     assert T[:3, :3] @ T[:3, :3].T == pytest.approx(np.eye(3))
-
-
-def test_rate_must_divide() -> None:
-    """A rate between those of frames is refused with what is valid."""
-    with pytest.raises(ConfigError, match=r'chase\.rate_hz: 7 .*divisor of frame_rate_hz = 20'):
-        RenderNodeConfig.from_mapping({'chase': {'enabled': True, 'rate_hz': 7}})

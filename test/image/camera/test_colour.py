@@ -7,15 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-from lunar_rover_sim.base.errors import ConfigError
-from lunar_rover_sim.image.camera.chase import ChaseConfig
 from lunar_rover_sim.image.camera.config import CameraConfig, LensConfig, SensorConfig
-from lunar_rover_sim.image.camera.hazard import HazardConfig
 from lunar_rover_sim.image.camera.mosaic import interpolated, TINT_ONE
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.image.camera.sensor import ImageSensor, SensorModel, Tint
 from lunar_rover_sim.image.illumination import colours
-from lunar_rover_sim.image.rendering.config import RenderConfig
 
 CAMERA = CameraConfig(width=320, height=240)
 RIG = StereoRig(scene.ROVER, CAMERA)
@@ -189,30 +185,6 @@ def test_colours_of_a_sensor_are_noisier_than_grey_at_the_same_exposure():
     ratio = colour.electrons_per_radiance_second / mono.electrons_per_radiance_second
     assert ratio == pytest.approx(colours.Bands().electrons_per_joule()[1] / 6.5e17)
     assert 0.3 < ratio < 0.5
-
-
-@pytest.mark.parametrize('make', [
-    lambda: RenderConfig(camera=CameraConfig(width=321), sensor=SensorConfig(
-        encoding='bayer_rggb8')),
-    lambda: ChaseConfig.from_mapping({'camera': {'height': 541},
-                                      'sensor': {'encoding': 'bayer_rggb16'}}),
-    lambda: HazardConfig.from_mapping({'camera': {'width': 321},
-                                       'sensor': {'encoding': 'bayer_rggb8'}})])
-def test_a_mosaic_of_odd_size_is_refused(make):
-    with pytest.raises(ConfigError, match='valid is an even number'):
-        make()
-
-
-def test_responses_and_encodings_that_are_none_are_refused():
-    none = (0.0,) * len(colours.WAVELENGTHS_NM)
-    with pytest.raises(ConfigError, match='red_response'):
-        SensorConfig(red_response=(-0.1, *none[1:]))
-    with pytest.raises(ConfigError, match='blue_response.*above 0'):
-        SensorConfig(blue_response=none)
-    with pytest.raises(ConfigError, match='green_response'):
-        SensorConfig(green_response=(0.5, 0.5))
-    with pytest.raises(ConfigError, match='bayer_rggb8'):
-        SensorConfig(encoding='bayer_grbg8')
 
 
 def test_the_low_pass_filter_keeps_light_and_takes_false_colours():

@@ -128,11 +128,6 @@ def image_of(signal, model):
     return np.rint(255.0 * np.sqrt(np.clip(signal, 0.0, 1.0))).astype(np.uint8)
 
 
-@pytest.mark.parametrize('target,aim', [(0.25, 0.5), (0.4, 0.8), (0.7, 0.8)])
-def test_the_aim_is_twice_the_target_and_at_most_08(target, aim):
-    assert AutoExposure(sensor(exposure_mode='auto', target_level=target)).aim == aim
-
-
 @pytest.mark.parametrize('lag', [0.0, 0.6])
 def test_exposure_follows_the_92nd_percentile_of_lit_ground(lag):
     """Black sky counts for nothing; in the logarithm a share of the old exposure stays."""

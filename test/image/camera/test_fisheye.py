@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 
-from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.image.camera import equidistant
 from lunar_rover_sim.image.camera.config import LensConfig
 from lunar_rover_sim.image.camera.fisheye import FisheyeCamera, FisheyeLens
@@ -77,20 +76,6 @@ def test_the_lens_scatters_its_share() -> None:
         angle = math.radians(angle_deg)
         assert lens.hood(np.array([0.0, math.sin(angle), math.cos(angle)])) == share
     assert lens.strays(np.array([1.0, 0.0, 0.0])) and not lens.strays(np.array([0.0, 0.0, -1.0]))
-
-
-@pytest.mark.parametrize('values, match', [
-    (dict(model='pinhole'), 'horizontal_fov_deg: 180 is not valid with model pinhole.*<= 150'),
-    (dict(horizontal_fov_deg=190.0), 'horizontal_fov_deg: 190.0 is not valid; valid.*<= 185'),
-    (dict(fisheye_distortion=(-0.3, 0.0, 0.0, 0.0)), 'fisheye_distortion.*grows with the angle'),
-    (dict(distortion=(0.1, 0.0, 0.0, 0.0, 0.0)), 'distortion.*not valid with model equidistant'),
-    (dict(model='pinhole', horizontal_fov_deg=90.0, fisheye_distortion=REAL),
-     'fisheye_distortion.*not valid with model pinhole'),
-    (dict(near_m=10.0, far_m=10.0), r'near_m: 10 is not valid; valid is < far_m \(10\)')])
-def test_impossible_optics_are_refused(values, match) -> None:
-    """What no lens can do is named with value and bound."""
-    with pytest.raises(ConfigError, match=match):
-        HazardCameraConfig(**values)
 
 
 def test_radius_and_angle_are_inverse_to_each_other() -> None:

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.base.frames import inverse, matrix_from_wxyz, se3, wxyz_from_rpy
-from lunar_rover_sim.image.camera.chase import ChaseConfig, ChaseMount
 from lunar_rover_sim.image.camera.config import CameraConfig
-from lunar_rover_sim.image.camera.hazard import HazardMount
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.scenario import Scenario
@@ -88,30 +86,7 @@ BACK = {'render_node.hazard.back.rate_hz': 4, 'render_node.hazard.back.stereo_ba
         'render_node.chase.enabled': True}
 
 
-def test_a_camera_at_the_back_is_an_entry_like_the_pair() -> None:
-    """Two parameters make it; topics, layers, frames and periods follow."""
-    scenario = Scenario.load('flat', BACK)
-    pair, back, chase = scenario.render_node.cameras
-    assert [entry.name for entry in (pair, back, chase)] == ['', 'hazard.back', 'chase']
-    assert (pair.baseline_m, back.baseline_m, chase.baseline_m) == (None, 0.1, 0.0)
-    by_name = {output.topic.name: output for output in back.outputs}
-    right = by_name['ground_truth/hazard/back/right/depth/image']
-    assert (right.layers, right.side, right.period_ns) == (('right_depth',), 1, 250_000_000)
-    assert back.images == {'hazard_back_left': 'left', 'hazard_back_right': 'right'}
-    assert chase.images == {'chase': 'left'}
-    assert [child for _, child, _ in back.frames] == [
-        f'hazard_back_{side}_{part}' for side in ('left', 'right')
-        for part in ('link', 'optical_frame')]
-    depth = next(o for o in pair.outputs if o.topic.name == 'ground_truth/depth/image')
-    assert depth.period_ns == scenario.render_node.depth_period_ns == 100_000_000
-    assert [o.topic.name for o in pair.outputs if o.always] == [
-        'stereo/left/camera_info', 'stereo/right/camera_info']
-    # Each topic is that of one camera.
-    names = [o.topic.name for entry in scenario.render_node.cameras for o in entry.outputs]
-    assert len(set(names)) == len(names)
-
-
-def test_its_mount_and_its_noise_are_its_own() -> None:
+def test_its_noise_is_its_own() -> None:
     """The noise of a camera does not depend on which others there are."""
     pair, back, chase = Scenario.load('flat', BACK).render_node.cameras
     alone = Scenario.load('flat', {'render_node.hazard.back.rate_hz': 4}).render_node.cameras[1]
@@ -119,11 +94,6 @@ def test_its_mount_and_its_noise_are_its_own() -> None:
     seeds = [entry.noise_seed(7) for entry in (pair, back, chase, other)]
     assert len(set(seeds)) == 4 and alone.noise_seed(7) == back.noise_seed(7)
     assert all(0 <= back.noise_seed(k) < 2**31 for k in range(9)), 'a whole number of 32 bits'
-    assert back.mount is not None and chase.mount is not None and pair.mount is None
-    world = None      # where the camera is fixed or follows, none is asked
-    assert isinstance(back.mount(world, 0.0), HazardMount)      # type: ignore[arg-type]
-    assert isinstance(chase.mount(world, 0.0), ChaseMount)      # type: ignore[arg-type]
-    assert ChaseConfig().mode == 'follow'
 
 
 @pytest.mark.ros

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import textbook_hapke
 
-from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.image.illumination import hapke
 
 HIGHLAND, MARE = hapke.SETS['highland'], hapke.SETS['mare']
@@ -123,11 +122,6 @@ def test_no_light_from_behind():
 def test_diffuse_albedo_is_below_normal_albedo():
     # A dark, backscattering surface: Bond albedo about 0.11 to 0.12 for the whole Moon.
     assert 0.06 < hapke.hemispherical_albedo(HIGHLAND) < 0.16
-
-
-def test_unknown_set():
-    with pytest.raises(ConfigError, match='did you mean highland'):
-        hapke.parameter_set('higland')
 
 
 @pytest.mark.parametrize('name', sorted(hapke.SETS))

@@ -194,24 +194,6 @@ def test_off_the_ground():
         lidar.scan(at(x=7.0))
 
 
-@pytest.mark.parametrize(('values', 'message'), [
-    ({'rate_hz': 40}, 'rate_hz: 40 is not valid for velodyne_vlp16; valid is <= 20'),
-    ({'horizontal_beam': 16}, 'horizontal_beam: 16 is not valid for velodyne_vlp16; .* < 16'),
-    ({'part': 'own', 'own': {'columns_per_s': 1e6, 'beams': 64}}, 'points of a scan'),
-    ({'own': {'vertical_low_deg': 20.0}}, 'own.vertical_low_deg: 20 is not valid; valid is < '),
-    ({'own': {'kind': 'flash'}}, 'own.horizontal_deg: 360 is not valid for a flash sensor'),
-    ({'own': {'elevations_deg': [1.0, 2.0]}}, 'elevations_deg: 2 elements given; .* beams = 16'),
-    ({'own': {'firing_s': 1e-4}}, 'own.firing_s: 0.0001 is not valid; 16 beams .* leave'),
-    ({'own': {'min_range_m': 200.0}}, 'own.min_range_m: 200 is not valid; valid is < max_range_m'),
-    ({'own': {'limit_noise_m': 0.01}}, 'own.limit_noise_m: 0.01 is not valid; .* >= noise_m'),
-    ({'own': {'beams': 32}}, '^own.beams: has no effect with part = velodyne_vlp16; .* = own$'),
-    ({'part': 'espros_tofcam635', 'own': {'firing_s': 1e-6}}, '^own.firing_s: has no effect with'),
-])
-def test_impossible_optics(values, message):
-    with pytest.raises(ConfigError, match=message):
-        LidarConfig.from_mapping(values)
-
-
 # On an arm to the left: it looks at side and deck of the body, at legs and ground.
 LOW = dataclasses.replace(ROVER, lidar=dataclasses.replace(
     ROVER.lidar, position_m=(0.02, 0.2, 0.1), rpy_deg=(3.0, -4.0, 10.0)))
@@ -291,9 +273,3 @@ def test_legs_turn_during_a_scan():
                                    atol=1e-4)
     without = sensor.scan(ScanMotion(times, poses)).returns.range_m.reshape(-1, 40)
     assert (np.abs(without - scan) > 0.01).sum() > 100
-
-
-def test_where_no_beam_meets_a_leg_none_is_looked_for():
-    """The puck on the mast looks over its legs."""
-    assert not Lidar(flat(101), ROVER, LidarConfig()).legs_met
-    assert lidar('drop').legs_met

@@ -19,8 +19,7 @@ from lunar_rover_sim.image.lidar.config import LidarConfig
 from lunar_rover_sim.image.lidar.lidar import Lidar
 from lunar_rover_sim.image.lidar.optics import VLP16
 from lunar_rover_sim.image.lidar.ray_arrays import HeightPyramid, RockHulls, SoftCells
-from lunar_rover_sim.image.lidar.ray_caster import (box_around, free_distances, GROUND, NOTHING,
-                                                    RayCaster)
+from lunar_rover_sim.image.lidar.ray_caster import GROUND, NOTHING, RayCaster
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.physics.model import build_model
@@ -293,34 +292,6 @@ def test_bounds_change_no_bit(name):
                 assert np.array_equal(one, other)
             met += np.isfinite(found.distance_m).sum()
     assert met > 40_000
-
-
-def test_free_distances_end_before_what_is_met_and_near_it():
-    """On the level that the rover walks on; one that is free of it meets nothing."""
-    scene = Scene(worlds.small(rocks={'abundance': 0.1}))
-    o, d = scene.rays((1.3, -0.7), 0.34)
-    which = np.arange(len(d))
-    free = free_distances(scene.pyramids[0].arrays, 0.0, box_around(which, o), which, d, RANGE_M)
-    met = scene.without_bounds(o, d)[0]
-    met[np.abs((o + met[:, None] * d)[:, :2]).max(axis=1) > scene.half] = np.inf
-    assert (free < met).all()
-    # Rings grow by 9 % and blocks are a quarter of their distance: they hide no more than half.
-    assert np.median((free / met)[np.isfinite(met)]) > 0.75
-    assert (free[np.isfinite(met)] > 0.5 * met[np.isfinite(met)]).mean() > 0.9
-    rising = d[:, 2] > 0.1
-    assert (free[rising] >= RANGE_M).mean() > 0.9
-
-
-def test_straight_up_and_down():
-    world = make_world()
-    hulls = RockHulls(world.rocks, world.rock_shapes)
-    pyramid = HeightPyramid(world.ground, hulls)
-    o, d = np.tile([0.5, 0.5, 1.0], (2, 1)), np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
-    which = np.arange(2)
-    free = free_distances(pyramid.arrays, 0.0, box_around(which, o), which, d, 10.0)
-    assert free[0] <= 1.0
-    hits = RayCaster([pyramid], hulls).cast(o, d, 10.0)
-    assert hits.distance_m[0] == 1.0 and np.isinf(hits.distance_m[1])
 
 
 STATE = RoverPose(np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0],

@@ -33,32 +33,6 @@ def test_the_median_error_has_its_sign(shift):
     assert np.isnan(StereoErrors().median_px)
 
 
-def test_errors_of_a_known_map():
-    truth = np.full((20, 100), 10.0, np.float32)
-    d = truth.copy()
-    d[:5] += 1.5
-    d[5:7] += 3.0
-    d[7:10] = -1.0
-    image = np.random.default_rng(0).integers(60, 255, truth.shape, dtype=np.uint8)
-    image[7:10] = 0
-    errors = stereo_errors(DisparityMap(d, 0.0, 63.0, 0.0625, (0, 0, 100, 20)), truth, truth,
-                           image, block_px=1)
-    summary = errors.summary()
-    # The leftmost ten columns have no match in the other image.
-    assert errors.ground == 20 * 90
-    assert summary['density'] == pytest.approx(17 / 20)
-    assert summary['bad-1'] == pytest.approx(7 / 17)
-    assert summary['bad-2'] == pytest.approx(2 / 17)
-    assert summary['end-point error [px]'] == pytest.approx((5 * 1.5 + 2 * 3.0) / 17)
-    assert summary['invalid: in shadow'] == 1.0
-    assert (errors + StereoErrors()) == errors
-    # Ten of seventeen rows are right, the others too near; a bin is 1/64 px.
-    assert summary['median signed error [px]'] == pytest.approx(0.0, abs=1 / 64)
-    assert summary['mean signed error [px]'] == pytest.approx((5 * 1.5 + 2 * 3.0) / 17)
-    assert (errors + errors).summary() == pytest.approx(summary, nan_ok=True)
-    assert np.isnan(StereoErrors().summary()['density'])
-
-
 HEIGHT, WIDTH, TRUTH = 20, 60, 8.0
 
 

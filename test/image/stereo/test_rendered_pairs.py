@@ -35,9 +35,3 @@ def test_the_default_matcher_is_not_biased(name):
     # Where stones have shape, blocks of the matcher lean towards what stands before the ground.
     shape = scenario.render_node.detail.relief_shape_m > 0.0
     assert abs(errors.median_px) < (0.05 if shape else 0.03)
-
-
-def test_soft_ground_is_matched_as_baseline_is():
-    """Before the rover has walked, both show the same."""
-    soft, baseline = (Scenario.load(name) for name in ('soft', 'baseline'))
-    assert (soft.world, soft.render_node) == (baseline.world, baseline.render_node)

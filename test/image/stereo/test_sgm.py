@@ -186,17 +186,6 @@ def test_a_matcher_of_a_scenario_knows_the_depth():
         SgmMatcher(scenario.render_node.sgm).match(left, right).depth_m
 
 
-@pytest.mark.parametrize('values,message', [
-    ({'num_disparities': 100}, 'num_disparities: 100 is not valid; valid is a multiple of 16'),
-    ({'block_size': 4}, 'block_size: 4 is not valid; valid is an odd number'),
-    ({'mode': 'sgm'}, "mode: 'sgm' is not valid"),
-    ({'p1': 300, 'p2': 200}, 'p2: 200 is not valid'),
-])
-def test_refusals(values, message):
-    with pytest.raises(ConfigError, match=message):
-        SgmConfig(**values)
-
-
 def test_shapes_are_checked():
     matcher = SgmMatcher(SgmConfig(num_disparities=64))
     with pytest.raises(StereoError, match='right: shape'):
