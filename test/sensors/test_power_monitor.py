@@ -5,13 +5,11 @@ from physics_scene import ROVER, step_world, sun_seen
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.frames import sun_direction
 from lunar_rover_sim.image.illumination.sun_view import SeenSun
 from lunar_rover_sim.rover.description import Motor
 from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.rover.physics.simulation import Simulation
-from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig, PowerMonitors
 from lunar_rover_sim.sensors.solar_panel import solar_power_w, SolarPanelConfig
 
@@ -98,12 +96,3 @@ def test_in_the_shadow_of_a_step():
 
         assert power(0.0, 20.0) == 0.0
         assert power(0.0, 30.0) == pytest.approx(0.5 * 12.81, rel=0.05)
-
-
-def test_bad_input():
-    with pytest.raises(ConfigError, match='normal: .0.0, 0.0, 0.0. is not valid; valid is a dire'):
-        SolarPanelConfig(normal=(0.0, 0.0, 0.0))
-    with pytest.raises(ConfigError, match='efficiency: 1.2 is not valid; valid is >= 0 and <= 1'):
-        SolarPanelConfig(efficiency=1.2)
-    with pytest.raises(ConfigError, match='solar_panel.rate_hz: 7 is not valid; valid is a divis'):
-        PhysicsNodeConfig(solar_panel=SolarPanelConfig(rate_hz=7))

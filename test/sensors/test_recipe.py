@@ -83,11 +83,6 @@ def episode(dataset: Path) -> Path:
     return found
 
 
-def test_it_takes_the_sensor_its_topic_and_its_row_in_the_registry() -> None:
-    """Beside test, page, layout and changelog: seven files."""
-    assert len({'sensors/thermometer.py', *EDITS}) + 4 == 7
-
-
 def test_all_records_it_and_the_check_counts_on_it(source: Path, episode: Path,
                                                    tmp_path: Path) -> None:
     """A plate that looks at a sun of 10 degrees or so is warmer than in shadow, and below 80."""
@@ -137,13 +132,6 @@ def test_it_cannot_vanish(source: Path, world_folder: Path, domain: int,
     finally:
         for path, text in whole.items():
             path.write_text(text)
-
-
-def test_an_invalid_parameter_is_refused(source: Path, tmp_path: Path) -> None:
-    with pytest.raises(AssertionError, match='thermometer.rate_hz: 7 is not valid; valid is a '
-                       'divisor of state_rate_hz = 200'):
-        run(source, 'run', 'flat', '--set', 'physics_node.thermometer.rate_hz=7',
-            '-o', tmp_path / 'out')
 
 
 def test_it_stands_on_the_data_card(dataset: Path) -> None:

@@ -7,7 +7,6 @@ from physics_scene import make_world, ROVER, STATE_S, step_world, sun_seen
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.frames import sun_direction
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.image.illumination.config import SunConfig, SunSiteConfig
@@ -15,7 +14,6 @@ from lunar_rover_sim.image.illumination.sun_of_date import earth_of_date
 from lunar_rover_sim.image.illumination.sun_view import SeenSun, SunView
 from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.rover.physics.simulation import Simulation
-from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig
 from lunar_rover_sim.sensors.registry import mounted, SensorsConfig
 from lunar_rover_sim.sensors.sensor import Platform
@@ -253,13 +251,6 @@ def test_the_earth_of_a_date():
         source='given', lon_deg=lon, lat_deg=0.5))) for lon in (0.5, 180.0))
     assert angle_deg(near, np.array([0.0, 0.0, 1.0])) < 12.0
     assert far is None and earth_of_date(SunConfig()) is None
-
-
-def test_rates_must_divide_those_of_the_states():
-    with pytest.raises(ConfigError, match='sun_sensor.rate_hz: 7 is not valid; .* 200'):
-        PhysicsNodeConfig(sun_sensor=SunSensorConfig(rate_hz=7))
-    with pytest.raises(ConfigError, match='star_tracker.rate_hz: 3 is not valid; .* 200'):
-        PhysicsNodeConfig(star_tracker=StarTrackerConfig(rate_hz=3))
 
 
 def test_mounted_sensors_measure_at_their_places():
