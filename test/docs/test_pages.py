@@ -34,15 +34,6 @@ def prose(page: Path) -> list[str]:
     return lines
 
 
-def test_length() -> None:
-    """The documentation is one that is read: about 40,000 words, of measurements 9,000."""
-    words = {page: len(typed(page).split()) for page in PAGES
-             if page.parent != ROOT}
-    assert sum(words.values()) <= 41_000
-    assert sum(count for page, count in words.items()
-               if page.parent.name == 'measurements') <= 9_000
-
-
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_lines(page: Path) -> None:
     """A line has at most 110 columns, or one sentence; a link has a text, as forges need it."""
@@ -50,14 +41,6 @@ def test_lines(page: Path) -> None:
             and re.search(r'[.!?] [A-Z`*\[]', ASIDE.sub('', line).strip())]
     assert not long
     assert '[](' not in page.read_text(encoding='utf-8')
-
-
-@pytest.mark.parametrize('name', ['ground', 'light', 'sensors'])
-def test_short_paragraphs(name: str) -> None:
-    """A paragraph, or an item of a list, of these pages has at most five lines."""
-    page = ROOT / 'docs' / 'explanation' / f'{name}.md'
-    text = re.sub(r'\n(?=\s*(?:- |\|))', '\n\n', '\n'.join(prose(page)))
-    assert not [part for part in text.split('\n\n') if len(part.strip().splitlines()) > 5]
 
 
 def test_status_of_howtos() -> None:
