@@ -101,16 +101,22 @@ def test_a_new_obstacle_changes_the_plan_at_once():
 
 
 def test_it_looks_where_it_does_not_know_and_then_goes_on():
-    rover = made(ground((-1.2, 0.5, -4.0, 4.0), value=-1))
+    """A corridor of a metre with a strip of unknown ground, on a map of 4 m."""
+    def before_the_unknown(**values):
+        rover = made(ground((-2.0, -1.5, -4.0, 4.0), value=-1), goal=(-0.4, -2.0), **values)
+        rover.cost[:30] = rover.cost[50:] = 100
+        rover.cost, rover.x, rover.y = rover.cost[:80, :80], -3.0, -2.0
+        return rover
+
+    rover = before_the_unknown()
     for _ in range(60):
         rover.step()
-    assert Status.LOOKING in {command.status for command in rover.commands}
     stood = [c for c in rover.commands if c.status == Status.LOOKING and c.forward_mps == 0.0]
     assert len(stood) >= 14      # look_s
     # It stays unknown: the rover does not set foot on it, unless it is told to creep.
     assert rover.drive(400.0).failure is Failure.BLOCKED
-    assert rover.x < -1.2
-    creeping = made(ground((-1.2, 0.5, -4.0, 4.0), value=-1), creep=True)
+    assert rover.x < -2.0
+    creeping = before_the_unknown(creep=True)
     assert creeping.drive(400.0).status == Status.ARRIVED
     speeds = {round(c.forward_mps, 3) for c in creeping.commands}
     assert 0.05 in speeds and 0.12 in speeds
