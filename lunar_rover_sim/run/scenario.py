@@ -19,7 +19,7 @@ from typing import Any, TYPE_CHECKING
 
 from lunar_rover_sim.base.arguments import brief, check_path
 from lunar_rover_sim.base.errors import ConfigError, full_names, nearest, offered, WorldError
-from lunar_rover_sim.base.files.paths import find_file, packaged_names
+from lunar_rover_sim.base.files.paths import find_file
 from lunar_rover_sim.base.files.yaml_text import parse_yaml, read_yaml, yaml_of
 from lunar_rover_sim.base.parameters import merge, nest, param, Parameters
 from lunar_rover_sim.ground.world.cache import cached
@@ -256,11 +256,6 @@ class Scenario:
         Empty lists are left out: they are defaults, and rcl's parser cannot infer their type.
         """
         return yaml_of(_without_empty_lists(self.to_mapping()))
-
-
-def scenario_names() -> list[str]:
-    """Return the names of the packaged scenarios."""
-    return packaged_names('scenario')
 
 
 def _build(name: str, sections: Mapping[str, Any]) -> Scenario:

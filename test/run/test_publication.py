@@ -6,7 +6,7 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.run.lockstep import StampGate, WrittenStamps
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.publication import (is_recorded, misspelt_exclusions, period_ns,
-                                             silent_topics, unpublished, unrecorded_cameras)
+                                             silent_topics, unrecorded_cameras)
 from lunar_rover_sim.run.scenario import Scenario
 
 HAZARD = {'render_node.hazard.front.rate_hz': 5, 'render_node.hazard.rear.stereo_baseline_m': 0.1}
@@ -77,22 +77,10 @@ def test_all_leaves_out_what_is_named_beside_it_and_the_recorders_own_progress()
         assert not is_recorded(topic, [])
 
 
-@pytest.mark.parametrize('rate, expected', [
-    (topics.STATE, 5_000_000), (topics.FRAME, 50_000_000), (topics.DEPTH_FRAME, 150_000_000),
-    (topics.SCAN, 100_000_000), (topics.EVENT, 0), (topics.LATCHED, 0)])
-def test_periods(rate: str, expected: int) -> None:
-    assert period_ns(rate, 200, 20, 3, 10) == expected
-
-
 def test_periods_of_unknown_rates_are_zero() -> None:
     """Recordings of earlier versions have depth with every frame."""
     assert period_ns(topics.STATE, 0.0, 20.0, 1.0) == 0
     assert period_ns(topics.DEPTH_FRAME, 0.0, 20.0, 0.0) == 50_000_000
-
-
-def test_what_physics_does_not_publish_by_its_parameters() -> None:
-    assert unpublished(False, True, True) == (topics.TRUE_ODOM,)
-    assert unpublished(True, False, False) == (topics.ODOM, topics.CLOCK, *topics.OF_SOFT_GROUND)
 
 
 def test_nodes_of_a_run_take_over_values_of_others() -> None:

@@ -140,12 +140,3 @@ def test_a_run_in_lockstep_or_without_images_misses_none():
     assert missing_frames(scenario, {LEFT: 3}, 2.0) == []
     scenario = Scenario.load('flat', ['time_mode=real_time'])
     assert missing_frames(scenario, {}, 2.0) == []
-
-
-def test_a_recording_is_shown_in_one_short_line():
-    """Its scenario alone has some hundred parameters."""
-    recording = Recording(Path('run'), Path('run/bag'), Scenario.load('flat', seed=3), {LEFT: 40},
-                          2.0, 4.0, {'physics_node': 1.5}, interrupted=False)
-    assert repr(recording).endswith(
-        "scenario=Scenario(name='flat', seed=3, duration_s=20), simulated_s=2.0, wall_s=4.0, "
-        'interrupted=False, warnings=())')
