@@ -1,6 +1,5 @@
 """Whether a frame rate fits its motion, by motions of a known answer; the last lines of a run."""
 
-from collections import Counter
 import copy
 import dataclasses
 
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 import synthetic_bag as synthetic
 
-from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.frames import matrix_from_wxyz, se3, wxyz_from_rpy
 from lunar_rover_sim.image.camera.config import CameraConfig
@@ -17,7 +15,7 @@ from lunar_rover_sim.products.inspection import tracking
 from lunar_rover_sim.products.inspection.check import check
 from lunar_rover_sim.products.inspection.report import Status
 from lunar_rover_sim.products.inspection.summary import summarise
-from lunar_rover_sim.products.inspection.tracking import LOST_PX, prediction_miss, PredictionMiss
+from lunar_rover_sim.products.inspection.tracking import LOST_PX, prediction_miss
 from lunar_rover_sim.rover.description import RoverDescription
 
 SCENARIO = 'rover:\n  ros__parameters: {legs: {spoke_length_m: 0.08}}\n'
@@ -59,14 +57,6 @@ def test_a_gentle_drive_passes(tmp_path, monkeypatch):
     finding = next(f for f in check(path).findings if f.check == 'tracking')
     assert finding.status is Status.PASS
     assert finding.detail.count('Hz') == 1
-
-
-def test_rates_of_a_run_in_real_time_are_rounded():
-    """Frames that this machine could not draw leave rates such as 20 / 3 Hz."""
-    line = tracking.sentence([PredictionMiss(20.0 / 3.0, 9.0, 30.0, 0.4),
-                              PredictionMiss(40.0 / 3.0, 3.0, 9.0, 0.0)])
-    assert line.startswith('at 6.67 Hz, ')
-    assert 'at 13.3 Hz by' in line
 
 
 def test_the_truth_is_judged_where_it_has_a_topic_of_its_own(tmp_path, monkeypatch):
@@ -150,7 +140,6 @@ def test_near_ground_moves_more_than_far_ground():
     x = np.concatenate([np.zeros(10), [0.02], np.full(10, 0.02)])
     near = prediction_miss(poses(0.0 * x, x), rig(30.0), 0.1, 10.0)
     far = prediction_miss(poses(0.0 * x, x), rig(30.0), 5.0, 10.0)
-    assert near.p90_px > 0.0 or near.median_px == 0.0
     assert np.isfinite([near.p90_px, far.p90_px]).all()
     start_near, start_far = (prediction_miss(poses(0.0 * x[8:11], x[8:11]), rig(30.0), h, 10.0)
                              for h in (0.1, 5.0))
@@ -192,27 +181,3 @@ def test_the_end_of_a_goal_is_told(tmp_path):
     told = states('following', 'arrived', topic=topics.NAVIGATOR_STATUS, reason='at x 1 m')
     lines = summarise(synthetic.write(tmp_path / 'bag', told)).lines().splitlines()
     assert 'goal: arrived at x 1 m after 0.1 s' in lines
-
-
-def test_without_a_slam_program_there_is_no_line(tmp_path):
-    items = [i for i in synthetic.drive(0.2) if i.topic == topics.ODOM.name]
-    summary = summarise(synthetic.write(tmp_path / 'bag', items))
-    assert summary.slam == {}
-    assert 'slam' not in summary.lines()
-
-
-def test_a_summary_reads_the_bag_once(tmp_path, monkeypatch):
-    """Every reading unpacks all images: no message comes twice but those that say how it was."""
-    path = synthetic.write(tmp_path / 'bag', synthetic.drive(1.0))
-    read, raw = Counter(), Bag.raw
-
-    def counted(bag, *args, **options):
-        for message in raw(bag, *args, **options):
-            read[message.topic] += 1
-            yield message
-
-    monkeypatch.setattr(Bag, 'raw', counted)
-    counts = summarise(path).counts
-    for name in (topics.LEFT_IMAGE.name, topics.LEFT_INFO.name):
-        assert read[f'/{name}'] == counts[f'/{name}']
-    assert read[f'/{topics.ODOM.name}'] < 1.5 * counts[f'/{topics.ODOM.name}']     # and its end
