@@ -14,7 +14,6 @@ from waiting import LIMIT_S, wait_until
 
 from lunar_rover_sim.bag.messages import pose_matrix
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.frames import sun_direction
 from lunar_rover_sim.ground.regolith.config import GroundConfig
 from lunar_rover_sim.image.illumination.sun_of_date import SunPath
@@ -205,10 +204,3 @@ def test_a_reset_in_the_run_takes_the_ground_back_by_changes() -> None:
         publisher.publish(2 * PERIOD_NS)
         listener.advance(2 * PERIOD_NS)
     assert same(listener.overlay.snapshot(), start)
-
-
-def test_the_frames_of_what_is_true_stay_apart_from_an_estimator() -> None:
-    """With `separate_truth` the frame `odom` belongs to it."""
-    for topic in (topics.GROUND_CHANGES, topics.GROUND_SNAPSHOT, topics.SUN):
-        assert (topic.frame(False), topic.frame(True)) == ('odom', 'ground_truth/odom')
-    assert topics.ODOM.frame(True) == 'odom' and topics.IMU_RAW.frame(True) == 'imu_link'

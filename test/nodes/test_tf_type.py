@@ -10,7 +10,7 @@ from type_description_interfaces.srv import GetTypeDescription  # noqa: E402
 
 from lunar_rover_sim.base import topics  # noqa: E402
 from lunar_rover_sim.nodes import qos  # noqa: E402
-from lunar_rover_sim.nodes.message_types import definition_of, message_class  # noqa: E402
+from lunar_rover_sim.nodes.message_types import message_class  # noqa: E402
 
 pytestmark = pytest.mark.ros
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -40,13 +40,6 @@ def test_physics_publishes_tf(peer: Peer, world_folder: str) -> None:
     assert set(named) == {'builtin_interfaces/msg/Time', 'std_msgs/msg/Header', *(
         f'geometry_msgs/msg/{name}' for name in ('Quaternion', 'Transform', 'TransformStamped',
                                                  'Vector3'))}
-
-
-def test_the_type_is_described_in_bags() -> None:
-    """rosbags takes its definition, which has the hash of the real one."""
-    definition = definition_of(topics.TF.type)
-    assert definition.startswith('geometry_msgs/TransformStamped[] transforms\n')
-    assert 'MSG: builtin_interfaces/Time' in definition
 
 
 def test_messages_that_are_not_serialised_are_refused(peer: Peer) -> None:
