@@ -112,15 +112,6 @@ def test_errors_of_the_sun_sensor_are_those_that_are_stated():
     assert np.corrcoef(errors[:, 0, 1], errors[:, 1, 1])[0, 1] == pytest.approx(0.5, abs=0.13)
 
 
-def test_the_field_of_view_and_shadow_silence_the_sun_sensor():
-    one = SunHeads(SunSensorConfig(heads_yaw_deg=(0.0,), heads_elevation_deg=0.0,
-                                   field_of_view_deg=90.0), np.random.default_rng(1))
-    assert one.measure(seen(44.0, 0.0), np.eye(3)) is not None
-    assert one.measure(seen(46.0, 0.0), np.eye(3)) is None
-    assert one.measure(None, np.eye(3)) is None
-    assert one.measure(dataclasses.replace(seen(0.0, 0.0), share=0.4), np.eye(3)) is None
-
-
 @pytest.mark.parametrize('azimuth_deg, elevation_deg', [(84.0, 0.0), (-84.0, 0.0), (0.0, 84.0)])
 def test_no_head_points_behind_itself(azimuth_deg, elevation_deg):
     """At the edge of a wide field errors of 5 deg lead past 90 deg, and stay errors of 5 deg."""

@@ -28,16 +28,6 @@ def test_all_five_coefficients_are_those_of_opencv(lens):
     np.testing.assert_allclose(distort(points, lens), expected[:, 0], atol=1e-12)
 
 
-@pytest.mark.parametrize('k,power', [(0, 3), (1, 5), (4, 7)])
-def test_each_radial_coefficient_has_its_power_of_the_radius(k, power):
-    lens = np.zeros(5)
-    lens[k] = 0.1
-    for radius in (0.5, 1.0, 1.3):
-        moved = distort([0.6 * radius, 0.8 * radius], lens)
-        assert np.hypot(*moved) == pytest.approx(radius + 0.1 * radius**power)
-        assert moved[1] / moved[0] == pytest.approx(4.0 / 3.0)
-
-
 def up_to_the_fold(share, k1):
     """Return points all around up to a share of the radius at which a lens with k1 folds over.
 

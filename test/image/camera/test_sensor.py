@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.image.camera.config import CameraConfig, SensorConfig
-from lunar_rover_sim.image.camera.exposure import AutoExposure
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.image.camera.sensor import bloom, ImageSensor, SensorModel
 
@@ -110,23 +108,6 @@ def test_vignetting_is_cos4():
     assert image[0, 0] / image[120, 160] == pytest.approx((1 + corner @ corner)**-2, rel=1e-3)
 
 
-def test_levels_are_the_share_of_full_scale_above_black():
-    model = SensorModel(CAMERA, SensorConfig(encoding='mono16', black_level=0.1))
-    levels = np.round([[6553.5, 36044.25, 65535.0]]).astype(np.uint16)
-    np.testing.assert_allclose(model.linear(levels), [[0.0, 0.5, 1.0]], atol=1e-4)
-    companded = SensorModel(CAMERA, SensorConfig(encoding='mono8', companding='sqrt'))
-    assert companded.linear(np.array([[0, 51, 255]], np.uint8)) == pytest.approx(
-        np.array([[0.0, 0.04, 1.0]]))
-
-
-def test_a_pixel_keeps_more_light_than_each_of_its_neighbours_gets():
-    """Wider than that, five taps have no point spread."""
-    widest = SensorModel(CAMERA, SensorConfig(psf_sigma_px=0.6))
-    assert 0.5 < widest.neighbour_weight < 1.0
-    with pytest.raises(ConfigError, match='psf_sigma_px: 0.64 is not valid'):
-        SensorConfig(psf_sigma_px=0.64)
-
-
 def spot(config, electrons):
     """Return the left image [electrons] of a single bright pixel in column 150, row 100."""
     sensor = SensorModel(CAMERA, config)
@@ -161,33 +142,6 @@ def test_a_pixel_holds_what_its_well_holds():
     config = dataclasses.replace(RAW, pixel_well=0.8, fixed_pattern=False, black_level=0.0)
     image = flat(config, 3.0 * config.full_well_e)
     assert image.min() == image.max() == pytest.approx(0.8 * 65535, abs=2)
-
-
-def test_auto_exposure_begins_with_the_ground_not_with_the_sun():
-    config = dataclasses.replace(scene.IDEAL, exposure_mode='auto')
-    exposures = []
-    for sun in (0.0, 2e7):
-        radiance = np.zeros((240, 320), np.float32)
-        radiance[100:] = 10.0
-        radiance[20:24, 50:54] = sun
-        auto = AutoExposure(SensorModel(CAMERA, config))
-        auto.start(radiance)
-        exposures.append(auto.exposure_s)
-    assert exposures[1] == pytest.approx(exposures[0])
-
-
-def test_auto_exposure_converges_with_lag():
-    config = dataclasses.replace(scene.IDEAL, exposure_mode='auto', auto_lag=0.6, exposure_s=1e-3)
-    sensor = SensorModel(CAMERA, config)
-    auto = AutoExposure(sensor)
-    radiance, levels = 12.0, []
-    for _ in range(30):
-        electrons = radiance * sensor.electrons_per_radiance_second * auto.exposure_s
-        level = np.clip(electrons / config.full_well_e, 0.0, 1.0)
-        levels.append(level)
-        auto.follow(np.full((48, 64), int(level**0.5 * 255), np.uint8))
-    assert levels[-1] == pytest.approx(auto.aim, rel=0.05)
-    assert np.all(np.diff(np.abs(np.array(levels) - auto.aim)) < 0.03)
 
 
 def test_charge_is_conserved_and_fills_the_column_to_both_sides():

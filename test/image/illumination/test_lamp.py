@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from lunar_rover_sim.image.camera.exposure import lamplit_radiance, sunlit_radiance
-from lunar_rover_sim.image.illumination.config import LampConfig, ReflectanceConfig, SunConfig
+from lunar_rover_sim.image.illumination.config import LampConfig
 from lunar_rover_sim.image.illumination.hapke import reflectance, SETS
 from lunar_rover_sim.image.illumination.lamp import beam_exponent, peak_intensity
 from lunar_rover_sim.image.rendering.renderer import Renderer
@@ -61,37 +60,3 @@ def test_lamplit_ground_is_as_bright_as_the_inverse_square_says(pitch_deg):
     lit = ratio > 0.5
     assert lit.mean() > 0.85
     assert np.mean(np.abs(ratio[lit] - 1.0) < 0.06) > 0.97
-
-
-def test_the_expected_radiance_of_lamplit_ground():
-    """0.7 m ahead of the lamp and below it: as a point source on the axis would light it."""
-    ground = ReflectanceConfig()
-    lamp = LampConfig(power_w=10.0, cone_deg=40.0, position_m=(0.1, 0.0, 0.11))
-    height = 0.11 + 0.09
-    cosine = height / np.hypot(0.7, height)
-    expected = peak_intensity(lamp) / (0.7**2 + height**2) * reflectance(
-        cosine, cosine, 0.998, SETS['highland'])
-    assert lamplit_radiance(lamp, ground) == pytest.approx(float(expected))
-    # Twice the power is twice the light; a wider cone spreads it.
-    assert lamplit_radiance(dataclasses.replace(lamp, power_w=20.0), ground) == pytest.approx(
-        2.0 * float(expected))
-    assert lamplit_radiance(dataclasses.replace(lamp, cone_deg=90.0), ground) < 0.4 * expected
-
-
-def test_the_expected_radiance_of_sunlit_ground():
-    """It grows with the sun's elevation, in proportion to the irradiance, and ends with the disc.
-
-    It lies between that of level ground and that of ground that faces the sun.
-    """
-    ground = ReflectanceConfig()
-    values = [sunlit_radiance(SunConfig(elevation_deg=e), ground) for e in (1.0, 6.0, 30.0, 70.0)]
-    assert np.all(np.diff(values) > 0.0)
-    half = SunConfig(elevation_deg=6.0, irradiance=SunConfig().irradiance / 2.0)
-    assert sunlit_radiance(half, ground) == pytest.approx(values[1] / 2.0)
-    down = SunConfig(elevation_deg=-0.3)
-    assert sunlit_radiance(down, ground) == 0.0
-    assert sunlit_radiance(dataclasses.replace(down, elevation_deg=-0.2), ground) > 0.0
-    facing = SunConfig().irradiance * reflectance(1.0, 1.0, 1.0, SETS['highland'])
-    level = SunConfig().irradiance * reflectance(np.sin(np.radians(6.0)), 0.5, 0.0,
-                                                 SETS['highland'])
-    assert level < values[1] < facing

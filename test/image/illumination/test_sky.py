@@ -246,7 +246,6 @@ def test_elevations_over_time_and_ways_over_the_horizon():
     sky = over()
     figure = light_time.figure(sky, 'a site')
     upper, lower = figure.axes
-    assert figure.get_suptitle() == 'a site'
     lines = curves(upper)
     for name, values in (('sun', sky.sky.sun.elevation_deg),
                          ('Earth', sky.sky.earth.elevation_deg),
@@ -258,36 +257,6 @@ def test_elevations_over_time_and_ways_over_the_horizon():
     for name, body in (('sun', sky.sky.sun), ('Earth', sky.sky.earth)):
         np.testing.assert_allclose(lines[name],
                                    np.stack([body.azimuth_deg, body.elevation_deg], axis=1))
-    assert lower.get_xlim() == (0.0, 360.0)
-    assert lower.get_xticks().tolist() == [45.0 * k for k in range(9)]
-
-
-@pytest.mark.parametrize('horizon_deg', [2.0, -3.0])
-def test_the_ground_is_filled_up_to_the_horizon(horizon_deg):
-    """From a degree below its lowest point."""
-    sky = over(horizon_deg)
-    (area,) = light_time.figure(sky, '').axes[1].collections
-    x, y = area.get_paths()[0].vertices.T
-    assert (x.min(), x.max()) == (0.0, 360.0)
-    assert y.min() == pytest.approx(-abs(horizon_deg) - 1.0)
-    assert y.max() == pytest.approx(abs(horizon_deg), abs=1e-3)
-    level = SkyOverTime(sky.dates_utc, sky.sky, sky.mask_azimuth_deg, 0.0 * sky.mask_deg + 4.0,
-                        sky.horizon_deg, sky.lit)
-    (area,) = light_time.figure(level, '').axes[1].collections
-    assert area.get_paths()[0].vertices[:, 1].min() == -1.0
-
-
-def test_light_is_shaded_over_the_whole_height_while_there_is_any():
-    sky = over()
-    upper = light_time.figure(sky, '').axes[0]
-    (area,) = upper.collections
-    low, high = upper.get_ylim()
-    lines = np.concatenate([line.get_ydata() for line in upper.lines])
-    assert low < lines.min() and high > lines.max()
-    starts = np.flatnonzero(np.diff(np.concatenate([[False], sky.lit > 0.0, [False]]))[::1])
-    assert 0.0 < sky.light_share < 0.75 and len(area.get_paths()) == len(starts) // 2
-    for path in area.get_paths():
-        assert set(np.round(path.vertices[:, 1], 9)) == {round(low, 9), round(high, 9)}
 
 
 def test_it_is_written_or_the_reason_is_named(tmp_path):
