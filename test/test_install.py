@@ -205,7 +205,7 @@ from lunar_rover_sim.run.scenario import Scenario
 Scenario.load('baseline')
 print(json.dumps([
     lunar_rover_sim.__file__, str(config_path('rovers/quad.yaml')), packaged_names('campaign'),
-    resources.files('lunar_rover_sim.image.rendering').joinpath('shaders/common.glsl').is_file()]))
+    resources.files('lunar_rover_sim.image.rendering').joinpath('shaders/view.glsl').is_file()]))
 """
     finished = run_installed(prefix, 'python', '-c', script)
     assert finished.returncode == 0, finished.stderr

@@ -24,6 +24,7 @@ from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectS
 from lunar_rover_sim.nodes.message_types import definition_of, message_class
 from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.reader_discovery import UNKNOWN_NAME
 from lunar_rover_sim.run.lockstep import WrittenStamps
 from lunar_rover_sim.run.node_config import ALL, RecorderNodeConfig
 from lunar_rover_sim.run.publication import is_recorded
@@ -148,8 +149,9 @@ class RecorderNode(node_main.GraphNode):
                 if info.topic_type != recorded and key not in self._warned:
                     self._warned.add(key)
                     self.type_watch.ignore(name, info.topic_type)
+                    who = 'a node' if info.node_name == UNKNOWN_NAME else info.node_name
                     self.get_logger().warning(
-                        f'{name}: {info.topic_type} of {info.node_name} is neither recorded nor '
+                        f'{name}: {info.topic_type} of {who} is neither recorded nor '
                         f'driven: the bag has {recorded} on this topic; publish one type only')
 
     def _name_floods(self) -> None:
@@ -170,11 +172,10 @@ class RecorderNode(node_main.GraphNode):
         silent_s = time.monotonic() - self._clock_s
         if self._runner is not None or not self._clock_ns or silent_s < 0.5:
             self._stands_still = self._clock_left = False
-        elif silent_s < _STANDSTILL_S:
+        elif not self._stands_still:
             # Who leaves in order is gone at once, who is killed only when its lease ends.
             self._clock_left = not self.count_publishers(self._clock_name)
-        else:
-            if not self._stands_still:
+            if silent_s >= _STANDSTILL_S:
                 self._stands_still = True
                 self.get_logger().warning(
                     f'{self._clock_name} stands still at {self._clock_ns / NS_PER_S:.3f} s: '
