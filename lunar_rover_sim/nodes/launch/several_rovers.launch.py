@@ -5,8 +5,9 @@ first publishes /clock; in lockstep all have one time. The rovers start side by 
 """
 
 from pathlib import Path
+from typing import Any
 
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription
 from launch.actions import (DeclareLaunchArgument, GroupAction, IncludeLaunchDescription,
                             OpaqueFunction)
 from launch.launch_description_sources import PythonLaunchDescriptionSource
@@ -28,7 +29,7 @@ _ARGUMENTS = {
 _OF_SCENARIO = ('scenario', 'duration', 'time_mode')
 
 
-def _start(context):
+def _start(context: LaunchContext) -> list[Any]:
     check_launch_arguments(context.argv, _ARGUMENTS)
     values = {name: LaunchConfiguration(name).perform(context) for name in _ARGUMENTS}
     folder = Path(values['output']).resolve()
@@ -56,7 +57,7 @@ def _start(context):
     return groups
 
 
-def generate_launch_description():
+def generate_launch_description() -> LaunchDescription:
     """Return the nodes of all rovers."""
     return LaunchDescription(
         [DeclareLaunchArgument(name, default_value=default, description=text)

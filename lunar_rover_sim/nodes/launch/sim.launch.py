@@ -9,8 +9,9 @@ writes its bag. A node that dies ends the launch with an error and a non-zero st
 """  # noqa: E501
 
 from pathlib import Path
+from typing import Any
 
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription
 from launch.actions import (DeclareLaunchArgument, EmitEvent, LogInfo, OpaqueFunction,
                             RegisterEventHandler)
 from launch.event_handlers import OnProcessExit, OnProcessIO
@@ -48,7 +49,7 @@ _ARGUMENTS = {
 }
 
 
-def _scenario(values):
+def _scenario(values: dict[str, str]) -> Scenario:
     """Return the resolved scenario that the arguments describe."""
     overrides = [text.strip() for text in values['set'].split(';') if text.strip()]
     if values['duration']:
@@ -68,7 +69,7 @@ def _scenario(values):
     return resolve(with_slam(scenario, values['slam']) if values['slam'] else scenario)
 
 
-def _start(context):
+def _start(context: LaunchContext) -> list[Any]:
     check_launch_arguments(context.argv, _ARGUMENTS)
     values = {name: LaunchConfiguration(name).perform(context) for name in _ARGUMENTS}
     if not values['output']:
@@ -95,7 +96,7 @@ def _start(context):
     return [RegisterEventHandler(ended), *_logs(nodes, folder / LOG_FOLDER), *nodes.values()]
 
 
-def _logs(nodes, folder):
+def _logs(nodes: dict[str, Node], folder: Path) -> list[Any]:
     """Return the actions that write what each node prints to a file of its own."""
     folder.mkdir()
     actions = []
@@ -103,7 +104,7 @@ def _logs(nodes, folder):
         path = folder / f'{name}.log'
         path.touch()
 
-        def write(event, path=path):
+        def write(event: Any, path: Path = path) -> None:
             with path.open('ab') as log:
                 log.write(event.text)
 
@@ -115,12 +116,12 @@ def _logs(nodes, folder):
 class _Exits:
     """Does what is to follow when a node of one rover has ended."""
 
-    def __init__(self, nodes, bag, may_fail):
+    def __init__(self, nodes: dict[str, Node], bag: Path, may_fail: tuple[str, ...]) -> None:
         self._nodes = nodes
         self._bag = bag
         self._ending = Ending(nodes, may_fail)
 
-    def on_exit(self, event, context):
+    def on_exit(self, event: Any, context: LaunchContext) -> list[Any]:
         """Stop the next nodes; raise RuntimeError, which ends the launch, if the run has failed.
 
         On Ctrl-C a node may be faster than launch itself.
@@ -138,7 +139,7 @@ class _Exits:
                     self._nodes[stopped]))) for stopped in step.stop)]
 
 
-def generate_launch_description():
+def generate_launch_description() -> LaunchDescription:
     """Return the nodes of the scenario."""
     return LaunchDescription(
         [DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)

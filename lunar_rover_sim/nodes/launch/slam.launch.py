@@ -7,8 +7,9 @@ SENSOR` writes the settings.
 """
 
 from pathlib import Path
+from typing import Any
 
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription
 from launch.actions import (DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction,
                             TimerAction)
 from launch.launch_description_sources import PythonLaunchDescriptionSource
@@ -33,7 +34,7 @@ _ARGUMENTS = {
 _OF_SCENARIO = ('scenario', 'output', 'seed', 'duration')
 
 
-def _start(context):
+def _start(context: LaunchContext) -> list[Any]:
     values = {name: LaunchConfiguration(name).perform(context) for name in _ARGUMENTS}
     files = {name: Path(values[name]).absolute() for name in ('vocabulary', 'settings')}
     for name, path in files.items():
@@ -64,7 +65,7 @@ def _start(context):
     return [*actions, TimerAction(period=float(values['delay']), actions=[graph])]
 
 
-def generate_launch_description():
+def generate_launch_description() -> LaunchDescription:
     """Return wrapper, trajectory recorder and, a little later, the nodes of the scenario."""
     return LaunchDescription(
         [DeclareLaunchArgument(name, default_value=default, description=text)
