@@ -351,3 +351,16 @@ def test_a_mistyped_name_is_refused() -> None:
 
 def test_arguments_of_a_launch_file_around_it_are_not() -> None:
     check_launch_arguments(['scenario:=flat', 'rovers:=a b', 'use_rviz:=true', '--debug'], VALID)
+
+
+def test_a_recorded_scenario_of_an_earlier_version_is_read(
+        caplog: pytest.LogCaptureFixture) -> None:
+    """It names every parameter of its version: each is one of today, or stands in `gone`."""
+    path = Path(__file__).with_name('scenario_of_1.0.0.yaml')
+    assert Scenario.load(path).shared.seed == 3
+    assert not caplog.records
+    with pytest.raises(ConfigError, match='blind_metres: no such parameter'):
+        Scenario.load(path, ['navigator_node.plan.blind_metres=0.3'])
+    assert Scenario.load(path, ['navigator_node.plan.blind_m=0.3']).name
+    assert 'navigator_node.plan.blind_m: there is no such parameter any more; 0.3 is ignored' in \
+        caplog.text

@@ -97,6 +97,8 @@ class TraversabilityConfig(Parameters):
 class PlanConfig(Parameters):
     """Costs of a plan: a metre over free ground costs 1."""
 
+    gone = {'blind_m': 0.6}
+
     margin_m: float = param(0.0, 'distance from obstacles beyond the circle around the rover and '
                             'its spokes', unit='m', low=0.0, high=2.0)
     near_m: float = param(0.35, 'distance from obstacles up to which a way costs more', unit='m',
@@ -115,6 +117,8 @@ class PlanConfig(Parameters):
 @dataclasses.dataclass(frozen=True)
 class NavigatorConfig(Parameters):
     """How the navigator drives, looks, backs off and gives up."""
+
+    gone = {'half_width_m': 0.0}
 
     goal_x_m: float = param(0.0, 'goal at the start, x in odom', unit='m')
     goal_y_m: float = param(0.0, 'goal at the start, y in odom', unit='m')
