@@ -1,9 +1,9 @@
 """The Earth as it is seen from the Moon: a sphere that the sun lights from one side.
 
 Its geometric albedo is 0.434 in V (Mallama et al., 2017, Icarus 282). Its phase function is after
-Mallama & Hilton (2018, Astronomy and Computing 25), in magnitudes -1.060e-3 a + 2.054e-4 a^2 for a
-phase angle of a degrees. The two coefficients were not compared with the paper and count as a
-choice.
+Mallama & Hilton (2018, Astronomy and Computing 25, equation 5), in magnitudes
+-1.060e-3 a + 2.054e-4 a^2 for a phase angle of a degrees; the coefficients were compared with
+programs that cite the paper.
 Over the disc it is spread as on a Lambert sphere. Clouds, land and the glow of the air are left
 out. Over the whole solar spectrum the Earth reflects about half of what it does in V (Glenar et
 al., 2019, Icarus 321: 0.15 W/m2 at full phase, half of which is its own heat).

@@ -1,10 +1,11 @@
 """The sun as a camera sees it: a disc that is darker towards its limb.
 
-The law is I(mu) = I(1) mu^a, mu being the cosine of the angle at which light leaves the sun. A law
-of one parameter is that of Hestroffer & Magnan (1998, Astron. Astrophys. 333, 338). The exponent,
-0.464, is a choice for 0.6 um, about the middle of what a silicon sensor makes of sunlight. The
-mean of the disc is 2 / (2 + a) = 0.812 of its centre; Neckel & Labs (1994, Solar Physics 153, 91)
-measured 0.81 at 590 to 600 nm.
+The law is I(mu) = I(1) mu^a, mu being the cosine of the angle at which light leaves the sun, with
+a = -0.023 + 0.292 um / wavelength (Hestroffer & Magnan, 1998, Astron. Astrophys. 333, 338; the
+numbers were compared with a program that cites the paper). A further factor of their law is 1
+here, which is a choice. At 0.6 um, about the middle of what a silicon sensor makes of sunlight, a
+is 0.464 and the mean of the disc is 2 / (2 + a) = 0.812 of its centre; Neckel & Labs (1994, Solar
+Physics 153, 91) measured 0.81 at 590 to 600 nm.
 """
 
 from __future__ import annotations
