@@ -123,7 +123,7 @@ RECORDED_COUNTS = 'recorded_counts'     # key there: JSON of topic → messages
 def recorded_counts(bag: Bag) -> dict[str, int]:
     """Return how many messages of each topic were recorded; nothing where metadata lacks it.
 
-    The counts beside each topic are rewritten with the messages by whoever edits a bag.
+    A person who edits a bag rewrites the counts beside each topic with the messages.
     """
     with suppress(BagError, LookupError, TypeError, ValueError, RecursionError, AttributeError):
         told = json.loads(information(bag.path)['custom_data'][RECORDED_COUNTS])

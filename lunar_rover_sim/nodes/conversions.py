@@ -237,7 +237,7 @@ def pose_stamped(T_world_body: Array, frame_id: str, stamp: Time) -> PoseStamped
 def rover_pose(odom_raw: bytes, joints_raw: bytes | None, legs: Legs) -> RoverPose:
     """Return pose and motion; legs without a valid message, or without velocities, are at rest.
 
-    Whoever drives the legs counts and names messages that are not valid.
+    The node that drives the legs counts and names messages that are not valid.
     """
     odom = deserialize_message(odom_raw, Odometry)
     linear_mps, angular_radps = twist_of(odom)

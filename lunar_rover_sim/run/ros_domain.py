@@ -56,7 +56,7 @@ def dds_environment(discovery: str = '') -> dict[str, str]:
 
     Args:
         discovery: ROS_AUTOMATIC_DISCOVERY_RANGE. With LOCALHOST the profile has no socket that
-            another machine reaches: ROS itself only keeps quiet, and answers whoever calls.
+            another machine reaches: ROS itself only keeps quiet, and answers every call.
     """
     name = 'fastdds_localhost.xml' if discovery == 'LOCALHOST' else 'fastdds.xml'
     return {_PROFILES: str(config_path(name))}
