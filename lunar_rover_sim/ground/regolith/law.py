@@ -198,7 +198,14 @@ def dig_slope(load: float, depth: float, table: np.ndarray, deepest: float) -> f
 
 # --- The surface ------------------------------------------------------------------------------
 
-ground_height = compiled(height_of_triangles)
+_height = compiled(height_of_triangles)
+
+
+@compiled
+def ground_height(x: float, y: float, heights: np.ndarray, cell_m: float) -> float:
+    """Return the height of the ground at a position of a grid around the origin [m]."""
+    first = -0.5 * (heights.shape[0] - 1)
+    return _height(x, y, heights, cell_m, first, first)
 
 
 @compiled

@@ -16,6 +16,7 @@ from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.config import CraterConfig
 from lunar_rover_sim.ground.world.grid import on_lattice, significant
+from lunar_rover_sim.ground.world.rocks import numbered
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,12 +28,19 @@ class Craters:
         diameter_m: (m,) from rim to rim when the crater was fresh.
         age: (m,) fraction of the crater's lifetime, 0 = fresh.
         level: (m,) index of the height level on which it is drawn (finer levels show it too).
+        key: (m,) uint32 that a crater keeps in all windows of its site. Craters made without keys
+            are numbered.
     """
 
     position_m: Array
     diameter_m: Array
     age: Array
     level: NDArray[np.int32]
+    key: NDArray[np.uint32] = dataclasses.field(default_factory=lambda: np.zeros(0, np.uint32))
+
+    def __post_init__(self) -> None:
+        if len(self.key) != len(self.diameter_m):
+            object.__setattr__(self, 'key', numbered(len(self.diameter_m)))
 
     def __len__(self) -> int:
         return len(self.diameter_m)
@@ -48,7 +56,7 @@ class Craters:
     def select(self, chosen: NDArray) -> Craters:
         """Return the craters at the chosen indices, or where a mask is true."""
         return Craters(self.position_m[chosen], self.diameter_m[chosen], self.age[chosen],
-                       self.level[chosen])
+                       self.level[chosen], self.key[chosen])
 
     @staticmethod
     def join(parts: Sequence[Craters]) -> Craters:

@@ -1,4 +1,4 @@
-"""A square height grid, centred on the origin of the world, with the triangles of MuJoCo."""
+"""A square height grid, at its place in the site, with the triangles of MuJoCo."""
 
 from __future__ import annotations
 
@@ -12,19 +12,22 @@ from numpy.typing import ArrayLike, NDArray
 
 @dataclasses.dataclass(frozen=True)
 class HeightGrid:
-    """Heights on a square grid centred on the origin.
+    """Heights on a square grid.
 
     The surface is made of two triangles per cell, split along the diagonal from (ix, iy) to (ix +
     1, iy + 1). MuJoCo's height field collides with them, and the renderer draws them.
 
     Attributes:
         heights_m: (n, n) float32, read-only; row 0 is south (least y), column 0 west (least x):
-            sample [iy, ix] lies at x = (ix - (n - 1) / 2) cell_m, y = (iy - (n - 1) / 2) cell_m.
+            sample [iy, ix] lies at x = (ix - (n - 1) / 2) cell_m + middle_m[0], and y alike.
         cell_m: Distance between neighbouring samples [m].
+        middle_m: Place of the middle, site frame [m]. It is a multiple of the cell, so that the
+            samples of all windows of a site lie on one lattice.
     """
 
     heights_m: NDArray[np.float32]
     cell_m: float
+    middle_m: tuple[float, float] = (0.0, 0.0)
 
     @property
     def n(self) -> int:
@@ -33,50 +36,71 @@ class HeightGrid:
 
     @property
     def half_extent_m(self) -> float:
-        """Half the side length: the grid covers [-h, h] in x and in y."""
+        """Half the side length: the grid covers [-h, h] around its middle in x and in y."""
         return 0.5 * (self.n - 1) * self.cell_m
 
+    @property
+    def first(self) -> tuple[float, float]:
+        """Place of sample [0, 0] on the lattice of the site, x and y [cells].
+
+        Whole numbers if n is odd, and halves if it is even.
+        """
+        half = 0.5 * (self.n - 1)
+        x, y = (round(m / self.cell_m) - half for m in self.middle_m)
+        return x, y
+
     def contains(self, xy_m: ArrayLike) -> NDArray[np.bool_]:
-        """Return, for (..., 2) positions, whether they lie on the grid."""
-        inside = np.abs(np.asarray(xy_m)) <= self.half_extent_m
+        """Return, for (..., 2) positions [m], site frame, whether they lie on the grid."""
+        inside = np.abs(np.asarray(xy_m) - self.middle_m) <= self.half_extent_m
         return np.asarray(inside[..., 0] & inside[..., 1])
 
     def height_at(self, xy_m: ArrayLike) -> NDArray[np.float64]:
-        """Return the height [m] of the triangulated surface at (..., 2) positions [m].
+        """Return the height [m] of the triangulated surface at (..., 2) positions [m], site frame.
 
-        Positions outside the grid are NaN.
+        Positions outside the grid are NaN. All grids that share samples give the same bits.
         """
         xy = np.asarray(xy_m, dtype=float)
-        grid = xy / self.cell_m + 0.5 * (self.n - 1)
-        cell = np.clip(np.nan_to_num(np.floor(grid)), 0, self.n - 2).astype(int)
-        u, v = np.moveaxis(grid - cell, -1, 0)
-        ix, iy = np.moveaxis(cell, -1, 0)
+        first = np.array(self.first)
+        whole = np.floor(first)
+        place = xy / self.cell_m - (first - whole)
+        corner = np.floor(place)
+        cell = np.clip(np.nan_to_num(corner - whole), 0, self.n - 2)
+        u, v = np.moveaxis(place - (cell + whole), -1, 0)
+        ix, iy = np.moveaxis(cell.astype(int), -1, 0)
         z = self.heights_m
         z00, z11 = z[iy, ix].astype(float), z[iy + 1, ix + 1].astype(float)
         # Below the diagonal the third corner is south-east, above it north-west.
         lower = u >= v
-        corner = np.where(lower, z[iy, ix + 1], z[iy + 1, ix]).astype(float)
-        height = np.where(lower, z00 + u * (corner - z00) + v * (z11 - corner),
-                          z00 + v * (corner - z00) + u * (z11 - corner))
+        third = np.where(lower, z[iy, ix + 1], z[iy + 1, ix]).astype(float)
+        height = np.where(lower, z00 + u * (third - z00) + v * (z11 - third),
+                          z00 + v * (third - z00) + u * (z11 - third))
         return np.where(self.contains(xy), height, np.nan)
 
     def height_at_point(self, x_m: float, y_m: float) -> float:
         """Return what `height_at` returns for one position; a fast path without arrays."""
-        return height_of_triangles(x_m, y_m, self.heights_m, self.cell_m)
+        return height_of_triangles(x_m, y_m, self.heights_m, self.cell_m, *self.first)
 
 
-def height_of_triangles(x: float, y: float, heights: NDArray[Any], cell_m: float) -> float:
+def height_of_triangles(x: float, y: float, heights: NDArray[Any], cell_m: float, first_x: float,
+                        first_y: float) -> float:
     """Return the height of the triangles at a position; NaN beyond them.
 
     Soil's law compiles it.
+
+    Args:
+        x, y: Position, site frame [m].
+        first_x, first_y: `HeightGrid.first`.
     """
     last = heights.shape[0] - 1
-    gx, gy = x / cell_m + 0.5 * last, y / cell_m + 0.5 * last
+    whole_x, whole_y = math.floor(first_x), math.floor(first_y)
+    # Fractions come before the window's place is subtracted, so that all windows give one result.
+    gx, gy = x / cell_m - (first_x - whole_x), y / cell_m - (first_y - whole_y)
     # Written so that NaN is outside, too.
-    if not (0.0 <= gx <= last and 0.0 <= gy <= last):
+    if not (whole_x <= gx <= whole_x + last and whole_y <= gy <= whole_y + last):
         return math.nan
-    ix, iy = min(int(gx), last - 1), min(int(gy), last - 1)
-    u, v = gx - ix, gy - iy
+    ix = min(int(math.floor(gx)) - whole_x, last - 1)
+    iy = min(int(math.floor(gy)) - whole_y, last - 1)
+    u, v = gx - (ix + whole_x), gy - (iy + whole_y)
     z00, z11 = float(heights[iy, ix]), float(heights[iy + 1, ix + 1])
     if u >= v:
         corner = float(heights[iy, ix + 1])

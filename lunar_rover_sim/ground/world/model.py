@@ -17,10 +17,10 @@ from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
 
 @dataclasses.dataclass(frozen=True)
 class World:
-    """One site on the Moon.
+    """A window of a site on the Moon; places are in the frame of the site.
 
     Attributes:
-        levels: Nested height grids, finest first, all centred on the origin. levels[0] is the
+        levels: Nested height grids, finest first, with one middle. levels[0] is the
             ground that the rover walks on (2.5 cm cells, 51.2 m wide by default); each further
             level is coarser and wider and covers the inner ones too, to at least 1 km. At the
             border of a level its heights are those of the next level's surface, so that there is
@@ -33,6 +33,7 @@ class World:
         hash: Hexadecimal content hash of everything else except the report.
         craters: Those that were drawn.
         report: Facts about the source: the height of the origin there, gaps, overhangs.
+        origin_m: Place of this world's (0, 0) in the site [m]; not (0, 0) after `local` only.
     """
 
     levels: tuple[HeightGrid, ...]
@@ -43,6 +44,24 @@ class World:
     hash: str
     craters: Craters = dataclasses.field(default_factory=lambda: Craters.join([]))
     report: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    origin_m: tuple[float, float] = (0.0, 0.0)
+
+    def local(self) -> World:
+        """Return this window in a frame whose origin is its middle, as images need it.
+
+        Single precision holds such places. z stays. `origin_m` says where the frame lies, for what
+        depends on the place in the site: the phase of relief, patches of colour.
+        """
+        x, y = self.ground.middle_m
+        if x == 0.0 and y == 0.0:
+            return self
+        rocks = dataclasses.replace(self.rocks,
+                                    position_m=self.rocks.position_m - np.array([x, y, 0.0]))
+        craters = dataclasses.replace(self.craters,
+                                      position_m=self.craters.position_m - np.array([x, y]))
+        levels = tuple(dataclasses.replace(level, middle_m=(0.0, 0.0)) for level in self.levels)
+        return dataclasses.replace(self, levels=levels, rocks=rocks, craters=craters,
+                                   origin_m=(self.origin_m[0] + x, self.origin_m[1] + y))
 
     def __repr__(self) -> str:
         return (f'World({self.hash}: {2 * self.ground.half_extent_m:g} m at '
@@ -70,8 +89,10 @@ class World:
         """Return what is wrong with a place outside the world, and what is valid; '' within."""
         if np.isfinite(self.height_at((x_m, y_m))):
             return ''
+        widest = self.levels[-1]
+        around = '' if widest.middle_m == (0.0, 0.0) else ' of (%g, %g)' % widest.middle_m
         return (f'({x_m:g}, {y_m:g}) lies outside the world; valid are x and y within '
-                f'{self.levels[-1].half_extent_m:g} m')
+                f'{widest.half_extent_m:g} m{around}')
 
     def height_at(self, xy_m: ArrayLike) -> NDArray[np.float64]:
         """Return the ground height [m] (rocks not included) at (..., 2) positions [m].

@@ -8,6 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+def numbered(count: int) -> NDArray[np.uint32]:
+    """Return keys for things that are in no site, read-only."""
+    keys = np.arange(count, dtype=np.uint32)
+    keys.setflags(write=False)
+    return keys
+
+
 @dataclasses.dataclass(frozen=True)
 class RockShape:
     """A convex, closed triangle mesh of unit size (its largest horizontal diameter is 1).
@@ -34,6 +41,8 @@ class Rocks:
         albedo: (m,) float32 factor on the single-scattering albedo of the rock parameter set.
         size_classes_m: (k,) diameters [m]; sizes come in classes so that physics and camera can
             share one mesh among many rocks.
+        key: (m,) uint32 that a rock keeps in all windows of its site: the key of its looks. Rocks
+            made without keys are numbered.
     """
 
     shape: NDArray[np.int32]
@@ -42,6 +51,11 @@ class Rocks:
     orientation_wxyz: NDArray[np.float64]
     albedo: NDArray[np.float32]
     size_classes_m: NDArray[np.float64]
+    key: NDArray[np.uint32] = dataclasses.field(default_factory=lambda: np.zeros(0, np.uint32))
+
+    def __post_init__(self) -> None:
+        if len(self.key) != len(self.shape):
+            object.__setattr__(self, 'key', numbered(len(self.shape)))
 
     def joined(self, others: Rocks) -> Rocks:
         """Return these rocks and then others, which have the same classes of size."""
@@ -49,7 +63,8 @@ class Rocks:
                      np.concatenate([self.size, others.size]),
                      np.concatenate([self.position_m, others.position_m]),
                      np.concatenate([self.orientation_wxyz, others.orientation_wxyz]),
-                     np.concatenate([self.albedo, others.albedo]), self.size_classes_m)
+                     np.concatenate([self.albedo, others.albedo]), self.size_classes_m,
+                     np.concatenate([self.key, others.key]))
 
     def __len__(self) -> int:
         return len(self.shape)

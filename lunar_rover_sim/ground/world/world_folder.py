@@ -31,19 +31,21 @@ from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
 
-FORMAT = 1
+FORMAT = 2
 # Version of the way from parameters to a world: raised when the same parameters and seed give
 # another one. It stands in the folder and in the name in the cache.
 RECIPE = 7
 _MAX_SAMPLES = 8193 ** 2
 _MAX_BYTES_ARRAY = 64_000_000
 _MAX_BYTES_YAML = 1_000_000
+_MAX_MIDDLE_M = 1e6
 
 
 def content_hash(world: World) -> str:
     """Return the hexadecimal hash of the whole world except its hash and its report."""
     digest = hashlib.blake2b(digest_size=16)
     text = json.dumps([FORMAT, world.config.to_mapping(), [g.cell_m for g in world.levels],
+                       world.ground.middle_m,
                        [shape.name for shape in world.rock_shapes]], sort_keys=True)
     digest.update(text.encode())
     arrays: list[NDArray] = [level.heights_m for level in world.levels] + [world.albedo]
@@ -107,6 +109,7 @@ def _write(world: World, folder: pathlib.Path) -> None:
     np.savez(folder / 'shapes.npz', **meshes)  # type: ignore[arg-type]
     document = {'format': FORMAT, 'recipe': RECIPE, 'hash': world.hash,
                 'cells_m': [g.cell_m for g in world.levels],
+                'middle_m': list(world.ground.middle_m),
                 'report_hash': _report_hash(world.report),
                 'report': _plain(world.report), 'world': world.config.to_mapping()}
     text = ('# Made by lunar_rover_sim. Heights are float32 [m], row 0 south, column 0 west.\n'
@@ -142,11 +145,15 @@ def load_world(folder: str | pathlib.Path, verify: bool = True) -> World:
     if (not isinstance(cells, list) or not 1 <= len(cells) <= 8
             or not all(isinstance(c, float) and c > 0.0 for c in cells)):
         raise WorldError(f'{folder}/world.yaml: cells_m: {cells!r} is not a list of 1 to 8 cells')
+    middle = document.get('middle_m')
+    if (not isinstance(middle, list) or len(middle) != 2
+            or not all(isinstance(m, float) and abs(m) < _MAX_MIDDLE_M for m in middle)):
+        raise WorldError(f'{folder}/world.yaml: middle_m: {brief(middle)} is not two places [m]')
     try:
         config = WorldConfig.from_mapping(document.get('world') or {}, 'world')
     except ConfigError as error:
         raise WorldError(f'{folder}/world.yaml: {error}') from None
-    levels = tuple(HeightGrid(_grid(folder / f'height_{i}.npy'), cell)
+    levels = tuple(HeightGrid(_grid(folder / f'height_{i}.npy'), cell, (middle[0], middle[1]))
                    for i, cell in enumerate(cells))
     albedo = _grid(folder / 'albedo.npy')
     if albedo.shape != levels[0].heights_m.shape:
@@ -155,13 +162,13 @@ def load_world(folder: str | pathlib.Path, verify: bool = True) -> World:
     shapes = _shapes(folder / 'shapes.npz')
     rocks = Rocks(**_archive(folder / 'rocks.npz', {
         'shape': 'i4', 'size': 'i4', 'position_m': 'f8,3', 'orientation_wxyz': 'f8,4',
-        'albedo': 'f4', 'size_classes_m': 'f8*'}))
+        'albedo': 'f4', 'size_classes_m': 'f8*', 'key': 'u4'}))
     for name, index, end in (('shape', rocks.shape, len(shapes)),
                              ('size', rocks.size, len(rocks.size_classes_m))):
         if len(index) and not (0 <= index.min() and index.max() < end):
             raise WorldError(f'{folder}/rocks.npz: {name}: indices beyond {end - 1}')
     craters = Craters(**_archive(folder / 'craters.npz', {
-        'position_m': 'f8,2', 'diameter_m': 'f8', 'age': 'f8', 'level': 'i4'}))
+        'position_m': 'f8,2', 'diameter_m': 'f8', 'age': 'f8', 'level': 'i4', 'key': 'u4'}))
     world = World(levels, albedo, rocks, shapes, config, str(document.get('hash')), craters,
                   document.get('report') or {})
     if verify and content_hash(world) != world.hash:

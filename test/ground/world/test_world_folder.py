@@ -133,12 +133,13 @@ def test_what_is_no_world(tmp_path, folder):
 
 
 @pytest.mark.parametrize('text, message', [
-    ('format: 99', 'format 99; this version reads format 1'),
+    ('format: 99', 'format 99; this version reads format 2'),
     ('[1, 2', 'world.yaml: '),
     ('just text', "format 'just text'"),
-    ('format: 1\ncells_m: lots', "cells_m: 'lots' is not a list"),
-    ('format: 1\ncells_m: [0.05, -0.4]', 'is not a list of 1 to 8 cells'),
-    ('format: 1\ncells_m: [0.05]\nworld: {sice_m: 3}', 'no such parameter'),
+    ('format: 2\ncells_m: lots', "cells_m: 'lots' is not a list"),
+    ('format: 2\ncells_m: [0.05, -0.4]', 'is not a list of 1 to 8 cells'),
+    ('format: 2\ncells_m: [0.05]\nmiddle_m: [0.0, .nan]', 'is not two places'),
+    ('format: 2\ncells_m: [0.05]\nmiddle_m: [0.0, 0.0]\nworld: {sice_m: 3}', 'no such parameter'),
 ])
 def test_other_yaml(folder, text, message):
     (folder / 'world.yaml').write_text(text)
