@@ -38,7 +38,7 @@ MODULES = {
     'Errors': ['base.errors'],
     'Frames': ['base.frames'],
     'World': ['ground.world.build', 'ground.world.world_folder', 'ground.world.grid',
-              'ground.world.site'],
+              'ground.world.moon_place'],
     'Physics and gait': ['rover.physics.state', 'sensors.imu', 'sensors.sensor',
                          'rover.gait.shaping'],
     'Soft ground': ['ground.regolith.soil', 'ground.regolith.overlay'],

@@ -15,7 +15,7 @@ from lunar_rover_sim.base.files.paths import check_png
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_table, say
 from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.ground.world.site import reported_site, Site
+from lunar_rover_sim.ground.world.moon_place import MoonPlace, reported_site
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.image.illumination.dates import parse_date, shown
 from lunar_rover_sim.image.illumination.light_time import sky_over_time, SkyOverTime, write_figure
@@ -61,7 +61,7 @@ def sun(place: Sequence[str], at: tuple[float, float] | None, start: str, end: s
     return 0
 
 
-def _place(place: Sequence[str], at: tuple[float, float] | None) -> tuple[Site, World | None]:
+def _place(place: Sequence[str], at: tuple[float, float] | None) -> tuple[MoonPlace, World | None]:
     """Return the site, and the world if a folder is given."""
     for word in place:
         if re.match(r'-[^.\d]', word):
@@ -91,11 +91,11 @@ def _place(place: Sequence[str], at: tuple[float, float] | None) -> tuple[Site, 
     return site, world
 
 
-def _site(name: str, lon_deg: float, lat_deg: float) -> Site:
+def _site(name: str, lon_deg: float, lat_deg: float) -> MoonPlace:
     if not (abs(lon_deg) <= 360.0 and abs(lat_deg) <= 90.0):
         raise ConfigError(f'{name}: {lon_deg:g} {lat_deg:g} is not valid; valid are a longitude '
                           'of -360 to 360 and a latitude of -90 to 90 [deg]')
-    return Site(lon_deg, lat_deg)
+    return MoonPlace(lon_deg, lat_deg)
 
 
 def _time(start: str, end: str, step: float) -> tuple[np.datetime64, float]:
@@ -122,7 +122,7 @@ def _rows(over: SkyOverTime, every: int) -> Iterator[tuple[str, ...]]:
                f'{earth.elevation_deg[k]:.2f}°', f'{earth.azimuth_deg[k]:.2f}°')
 
 
-def _summary(over: SkyOverTime, site: Site, world: World | None) -> str:
+def _summary(over: SkyOverTime, site: MoonPlace, world: World | None) -> str:
     """Return what holds for the whole time, in words."""
     elevation = over.sky.sun.elevation_deg
     high, low = int(np.argmax(elevation)), int(np.argmin(elevation))

@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError
-from lunar_rover_sim.ground.world.site import reported_site
+from lunar_rover_sim.ground.world.moon_place import reported_site
 from lunar_rover_sim.image.camera.miscalibration import Miscalibration
 from lunar_rover_sim.image.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.image.rendering.frame import unknown_flows

@@ -12,7 +12,7 @@ from lunar_rover_sim.base.files.paths import user_path
 from lunar_rover_sim.base.parameters import nest
 from lunar_rover_sim.ground.world.config import DEM, WorldConfig
 from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.ground.world.site import reported_site, Site
+from lunar_rover_sim.ground.world.moon_place import MoonPlace, reported_site
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.image.illumination.config import SunConfig
 from lunar_rover_sim.image.illumination.sun_of_date import check_last_date, given_site, sun_of_date
@@ -78,7 +78,7 @@ def dated_sun(sun: SunConfig, world: WorldConfig, used: World | None = None) -> 
         raise ConfigError(f'render_node.{error}') from None
 
 
-def _check_given(given: Site, world: WorldConfig, used: World | None) -> None:
+def _check_given(given: MoonPlace, world: WorldConfig, used: World | None) -> None:
     """Raise ConfigError unless the site is in the world and its grid north is right."""
     place = given.lon_deg, given.lat_deg
     try:
@@ -103,13 +103,14 @@ def _check_given(given: Site, world: WorldConfig, used: World | None) -> None:
             'render_node.sun.site.source=world')
 
 
-def _site_in_world(world: World, lon_lat_deg: tuple[float, float]) -> Site | None:
+def _site_in_world(world: World, lon_lat_deg: tuple[float, float]) -> MoonPlace | None:
     # Here, because rasterio takes time to import, and most runs need none of it.
     from lunar_rover_sim.ground.world.map_projection import site_in_world
     return site_in_world(world, *lon_lat_deg)
 
 
-def _dem_site(world: WorldConfig, lon_lat_deg: tuple[float, float] | None = None) -> Site | None:
+def _dem_site(world: WorldConfig,
+              lon_lat_deg: tuple[float, float] | None = None) -> MoonPlace | None:
     # Here, because what reads elevation models takes time to import, and most runs need none.
     from lunar_rover_sim.ground.world.dem import dem_site
     return dem_site(world, lon_lat_deg)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.ground.world.site import reported_site
+from lunar_rover_sim.ground.world.moon_place import reported_site
 from lunar_rover_sim.image.illumination.config import SunConfig
 from lunar_rover_sim.image.illumination.sun_of_date import earth_of_date, sun_of_date, SunPath
 from lunar_rover_sim.image.illumination.sun_view import SeenSun, SunView

@@ -8,7 +8,7 @@ from regression.scenes import hills, hilly_levels, stones, stony_world
 
 from lunar_rover_sim.base.frames import matrix_from_wxyz, sun_direction, wxyz_from_rpy
 from lunar_rover_sim.ground.world import shapes
-from lunar_rover_sim.ground.world.site import Site
+from lunar_rover_sim.ground.world.moon_place import MoonPlace
 from lunar_rover_sim.image.illumination import hapke, rock_shadow
 from lunar_rover_sim.image.illumination.config import ReflectanceConfig, SunConfig
 from lunar_rover_sim.image.illumination.horizon import shadow_levels, ShadowLevel, SunGeometry
@@ -102,8 +102,8 @@ def test_sun_and_earth_over_three_sites(unchanged: Unchanged) -> None:
     dates = np.array(['1972-01-01T00:00:00', '1981-07-03T11:12:13', '2009-03-20T05:06:07',
                       '2023-05-06T07:08:09'], 'datetime64[us]')
     arrays = {}
-    for k, site in enumerate((Site(0.0, 0.0), Site(23.4, -71.0, 35.0),
-                              Site(-140.0, 88.5, -170.0))):
+    for k, site in enumerate((MoonPlace(0.0, 0.0), MoonPlace(23.4, -71.0, 35.0),
+                              MoonPlace(-140.0, 88.5, -170.0))):
         seen = sky(site, dates)
         for name, body in (('sun', seen.sun), ('earth', seen.earth)):
             arrays |= {f'{name}_azimuth_{k}': body.azimuth_deg,

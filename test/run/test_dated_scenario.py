@@ -18,7 +18,7 @@ from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.map_projection import site_in_world
-from lunar_rover_sim.ground.world.site import reported_site
+from lunar_rover_sim.ground.world.moon_place import reported_site
 from lunar_rover_sim.ground.world.world_folder import load_world, save_world
 from lunar_rover_sim.run import recording
 from lunar_rover_sim.run.plan import resolve

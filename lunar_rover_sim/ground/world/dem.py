@@ -14,8 +14,8 @@ from lunar_rover_sim.base.files.paths import user_path
 from lunar_rover_sim.base.files.yaml_text import read_yaml
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.geo_raster import GeoRaster
+from lunar_rover_sim.ground.world.moon_place import MoonPlace
 from lunar_rover_sim.ground.world.raster import MAX_HEIGHT_M, MAX_PIXEL_M, Raster
-from lunar_rover_sim.ground.world.site import Site
 
 _MAX_BYTES = 1 << 18     # of dem.yaml
 
@@ -31,7 +31,8 @@ def open_dem(config: WorldConfig) -> Raster:
     return raster
 
 
-def dem_site(config: WorldConfig, lon_lat_deg: tuple[float, float] | None = None) -> Site | None:
+def dem_site(config: WorldConfig,
+             lon_lat_deg: tuple[float, float] | None = None) -> MoonPlace | None:
     """Return where the world's origin is on the Moon, or a place with its grid north.
 
     None if the elevation model does not say, as a folder with dem.npy.

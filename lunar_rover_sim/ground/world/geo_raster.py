@@ -30,8 +30,8 @@ from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.map_projection import (body_radius_m, local_crs, local_scale,
                                                          lon_lat_crs, metres_per_unit, MOON_M,
                                                          site_of, transformed)
+from lunar_rover_sim.ground.world.moon_place import MoonPlace
 from lunar_rover_sim.ground.world.raster import MAX_PIXEL_M, Raster
-from lunar_rover_sim.ground.world.site import Site
 
 logger = logging.getLogger(__name__)
 
@@ -268,7 +268,7 @@ class GeoRaster(Raster):
             width=self.width, height=self.height, nodata=math.nan, dtype='float64',
             tolerance=0.01, resampling=how)) for how in (Resampling.cubic, Resampling.nearest))
         self.report['crs'] = local.to_string()
-        self.report.update(Site(*here).to_report())
+        self.report.update(MoonPlace(*here).to_report())
 
     def _about_meridian(self, x: float, lon_deg: float) -> tuple[CRS, Affine]:
         """Return CRS and geotransform of the file, counted from the meridian of the origin.
@@ -303,7 +303,7 @@ class GeoRaster(Raster):
             return np.full(2, -1e9), np.full(2, 1e9)
         return points.min(axis=1), points.max(axis=1)
 
-    def site_of_origin(self) -> Site | None:
+    def site_of_origin(self) -> MoonPlace | None:
         """Return where the world's origin is on the Moon.
 
         None if the file does not say, or its CRS is of another body.
@@ -314,7 +314,7 @@ class GeoRaster(Raster):
         grid = data.transform
         return site_of(data.crs, grid.c + self.column0 * grid.a, grid.f + self.row0 * grid.e)
 
-    def site_at(self, lon_deg: float, lat_deg: float) -> Site | None:
+    def site_at(self, lon_deg: float, lat_deg: float) -> MoonPlace | None:
         """Return a place with the direction of the grid there; None as `site_of_origin`.
 
         Raises:

@@ -15,7 +15,8 @@ from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.base.files.library_output import stderr_to_log
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.ground.world.site import reported_site, Site, site_towards, unit_vector
+from lunar_rover_sim.ground.world.moon_place import (MoonPlace, reported_site, site_towards,
+                                                     unit_vector)
 
 logger = logging.getLogger(__name__)
 
@@ -72,7 +73,7 @@ def local_scale(crs: CRS, x: float, y: float) -> Array | None:
     if here is None or radius is None or abs(here[1]) > 90.0:
         return None
     step = _STEP_M / metres_per_unit(crs)
-    axes = Site(*here).rotation_enu_moon()[:2] * radius
+    axes = MoonPlace(*here).rotation_enu_moon()[:2] * radius
     columns = []
     for dx, dy in ((step, 0.0), (0.0, step)):
         # At the edge of a projection, as at a pole in longitude and latitude, only one side is.
@@ -85,7 +86,7 @@ def local_scale(crs: CRS, x: float, y: float) -> Array | None:
     return np.stack(columns, axis=1)
 
 
-def site_of(crs: CRS, x: float, y: float) -> Site | None:
+def site_of(crs: CRS, x: float, y: float) -> MoonPlace | None:
     """Return the place of projected coordinates; None if the CRS is of another body."""
     sphere = lon_lat_crs(crs)
     if not MOON_M[0] <= (body_radius_m(crs) or 0.0) <= MOON_M[1]:
@@ -97,7 +98,7 @@ def site_of(crs: CRS, x: float, y: float) -> Site | None:
     return site_towards(*here, unit_vector(*south), unit_vector(*north))
 
 
-def site_in_world(world: World, lon_deg: float, lat_deg: float) -> Site | None:
+def site_in_world(world: World, lon_deg: float, lat_deg: float) -> MoonPlace | None:
     """Return a place with the direction of the world's grid there.
 
     None if the report does not say where the world is, as that of a generated one.

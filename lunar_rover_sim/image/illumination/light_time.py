@@ -14,8 +14,8 @@ from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.base.files.results import save_figure
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.moon_place import MoonPlace
 from lunar_rover_sim.ground.world.shade import horizon_deg
-from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.image.illumination.ephemeris import Dates
 from lunar_rover_sim.image.illumination.sky import lit_share, Sky, sky
 
@@ -56,7 +56,7 @@ class SkyOverTime:
         return float(np.max(ends - starts, initial=0) * step_h)
 
 
-def sky_over_time(site: Site, dates_utc: Dates, world: World | None = None) -> SkyOverTime:
+def sky_over_time(site: MoonPlace, dates_utc: Dates, world: World | None = None) -> SkyOverTime:
     """Return the sky over a site at (n,) dates, n > 1, in equal steps.
 
     Args:

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from lunar_rover_sim.base.frames import Array, sun_direction
-from lunar_rover_sim.ground.world.site import Site, unit_vector
+from lunar_rover_sim.ground.world.moon_place import MoonPlace, unit_vector
 from lunar_rover_sim.image.illumination.ephemeris import (Dates, EARTH_RADIUS_KM, MOON_RADIUS_KM,
                                                           sun_and_earth, SUN_RADIUS_KM)
 
@@ -44,7 +44,7 @@ class Sky:
     earth: Body
 
 
-def sky(site: Site, dates_utc: Dates) -> Sky:
+def sky(site: MoonPlace, dates_utc: Dates) -> Sky:
     """Return the sky over a site at (...) dates; raise ConfigError outside 1972 to 2100.
 
     The site is on the sphere of 1737.4 km. A kilometre above it moves the Earth by 0.0002 deg.
@@ -64,7 +64,7 @@ def lit_share(sun: Body, horizon_deg: Array | float) -> Array:
     return 1.0 - (np.arccos(height) - height * np.sqrt(1.0 - height**2)) / np.pi
 
 
-def _seen(site: Site, position_km: Array, radius_km: float) -> Body:
+def _seen(site: MoonPlace, position_km: Array, radius_km: float) -> Body:
     from_site = position_km - MOON_RADIUS_KM * unit_vector(site.lon_deg, site.lat_deg)
     east, north, up = np.moveaxis(from_site @ site.rotation_enu_moon().T, -1, 0)
     distance = np.linalg.norm(from_site, axis=-1)

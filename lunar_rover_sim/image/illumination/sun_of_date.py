@@ -15,7 +15,7 @@ import numpy as np
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.seconds import NS_PER_S
-from lunar_rover_sim.ground.world.site import Site
+from lunar_rover_sim.ground.world.moon_place import MoonPlace
 from lunar_rover_sim.image.illumination.config import (GIVEN, LOWEST_DEG, OF_WORLD, SunConfig,
                                                        SunSiteConfig)
 from lunar_rover_sim.image.illumination.dates import check_dates, LAST, parse_date, shown
@@ -25,14 +25,14 @@ from lunar_rover_sim.image.illumination.sky import sky
 _DECIMALS = 6
 
 
-def given_site(config: SunSiteConfig) -> Site | None:
+def given_site(config: SunSiteConfig) -> MoonPlace | None:
     """Return the place that the parameters give; None if it is that of the world."""
     if config.source == OF_WORLD:
         return None
-    return Site(config.lon_deg, config.lat_deg, config.grid_north_deg)
+    return MoonPlace(config.lon_deg, config.lat_deg, config.grid_north_deg)
 
 
-def sun_of_date(sun: SunConfig, of_world: Site | None) -> SunConfig:
+def sun_of_date(sun: SunConfig, of_world: MoonPlace | None) -> SunConfig:
     """Return the sun with azimuth and elevation of its date, and its site spelled out.
 
     Without a date it is returned as it is. A second call changes nothing.
@@ -102,7 +102,7 @@ def earth_of_date(sun: SunConfig) -> Array | None:
     return earth.direction if earth.elevation_deg > 0.0 else None
 
 
-def _sun_deg(site: Site, date: np.datetime64) -> tuple[float, float]:
+def _sun_deg(site: MoonPlace, date: np.datetime64) -> tuple[float, float]:
     """Return azimuth and elevation of the sun [deg]."""
     sun = sky(site, np.asarray(date)).sun
     return round(float(sun.azimuth_deg), _DECIMALS), round(float(sun.elevation_deg), _DECIMALS)

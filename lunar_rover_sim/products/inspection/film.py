@@ -27,7 +27,7 @@ from lunar_rover_sim.base.errors import BagError, ConfigError, WorldError
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, se3
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.regolith.overlay import Overlay
-from lunar_rover_sim.ground.world.site import reported_site
+from lunar_rover_sim.ground.world.moon_place import reported_site
 from lunar_rover_sim.image.camera.chase import ChaseConfig, ChaseMount
 from lunar_rover_sim.image.illumination.sun_of_date import sun_of_date, SunPath
 from lunar_rover_sim.image.rendering.layer_pictures import gray8

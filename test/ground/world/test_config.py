@@ -14,7 +14,7 @@ from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.cache import cached
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.dem import dem_site
-from lunar_rover_sim.ground.world.site import reported_site
+from lunar_rover_sim.ground.world.moon_place import reported_site
 from lunar_rover_sim.image.illumination.sky import sky
 from lunar_rover_sim.run.scenario import Scenario
 

@@ -16,7 +16,7 @@ import worlds
 from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.dem import dem_site, open_dem
 from lunar_rover_sim.ground.world.map_projection import site_in_world
-from lunar_rover_sim.ground.world.site import reported_site
+from lunar_rover_sim.ground.world.moon_place import reported_site
 
 R = 1737400.0
 PER_DEG = math.radians(1.0) * R

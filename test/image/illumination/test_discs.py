@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from textbook_hapke import phase_function as lobes
 
 from lunar_rover_sim.base.frames import sun_direction
-from lunar_rover_sim.ground.world.site import Site
+from lunar_rover_sim.ground.world.moon_place import MoonPlace
 from lunar_rover_sim.image.illumination.config import EarthConfig, GIVEN, SunConfig, SunSiteConfig
 from lunar_rover_sim.image.illumination.earth_disc import (earth_disc, EarthDisc, lambert_phase,
                                                            phase_function)
@@ -95,7 +95,7 @@ def test_the_earth_of_a_date(date):
     sun = SunConfig(date=date, site=NEAR_SIDE, irradiance=1400.0, allow_night=True)
     disc = earth_disc(sun, EarthConfig(geometric_albedo=0.5))
     when = np.asarray(np.datetime64(date[:-1], 'us'))
-    earth = sky(Site(10.0, 40.0), when).earth
+    earth = sky(MoonPlace(10.0, 40.0), when).earth
     assert disc.direction == pytest.approx(
         sun_direction(float(earth.azimuth_deg), float(earth.elevation_deg)))
     assert math.sin(disc.radius_rad) == pytest.approx(6378.137 / float(earth.distance_km))
@@ -125,7 +125,8 @@ def test_where_there_is_no_earth():
 def test_the_earth_is_drawn_until_it_is_a_degree_below_the_horizontal(lon_deg):
     """All of it: its upper limb counts. As a light it is never lower than a sun may be."""
     sun = SunConfig(date=DATES[0], site=SunSiteConfig(GIVEN, float(lon_deg), 0.0))
-    earth = sky(Site(float(lon_deg), 0.0), np.asarray(np.datetime64(DATES[0][:-1], 'us'))).earth
+    earth = sky(MoonPlace(float(lon_deg), 0.0),
+                np.asarray(np.datetime64(DATES[0][:-1], 'us'))).earth
     disc = earth_disc(sun, EarthConfig())
     assert (disc is not None) == bool(earth.elevation_deg + earth.radius_deg >= -1.0)
     light = earth_as_sun(sun, EarthConfig())
@@ -141,7 +142,7 @@ def test_the_site_lies_a_radius_of_the_moon_from_its_centre():
     earth = sun_and_earth(when).earth_km
     lon, lat = math.degrees(math.atan2(earth[1], earth[0])), math.degrees(
         math.asin(earth[2] / np.linalg.norm(earth)))
-    below = sky(Site(lon, lat), when).earth
+    below = sky(MoonPlace(lon, lat), when).earth
     assert np.linalg.norm(earth) - float(below.distance_km) == pytest.approx(1737.4, abs=1e-3)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from lunar_rover_sim.base.errors import ConfigError, WorldError
 from lunar_rover_sim.base.frames import sun_direction
-from lunar_rover_sim.ground.world.site import Site
+from lunar_rover_sim.ground.world.moon_place import MoonPlace
 from lunar_rover_sim.image.illumination import light_time
 from lunar_rover_sim.image.illumination.config import GIVEN, SunConfig, SunSiteConfig
 from lunar_rover_sim.image.illumination.dates import parse_date
@@ -77,7 +77,7 @@ def test_places_below_sun_and_earth():
 def test_sun_over_a_site():
     """Azimuth, elevation and distance are those of Horizons."""
     _, azimuth, elevation, distance_au = np.array(HORIZONS, object).T.tolist()
-    sun = sky(Site(0.0, 0.0), dates(HORIZONS)).sun
+    sun = sky(MoonPlace(0.0, 0.0), dates(HORIZONS)).sun
     assert turn(sun.true_azimuth_deg - azimuth) == pytest.approx(0.0, abs=0.003)
     assert sun.elevation_deg == pytest.approx(elevation, abs=0.003)
     assert sun.distance_km / 149597870.7 == pytest.approx(distance_au, abs=1e-6)
@@ -94,7 +94,7 @@ def test_example_of_meeus():
 def test_the_earth_hides_the_sun_in_a_lunar_eclipse():
     """14 March 2025, total from 6:26 to 7:32 UTC (NASA); and not two hours before."""
     when = np.array(['2025-03-14T06:59', '2025-03-14T04:00'], 'datetime64[us]')
-    found = sky(Site(0.0, 0.0), when)
+    found = sky(MoonPlace(0.0, 0.0), when)
     to_sun = sun_direction(found.sun.azimuth_deg, found.sun.elevation_deg)
     to_earth = sun_direction(found.earth.azimuth_deg, found.earth.elevation_deg)
     apart = np.degrees(np.arccos(np.sum(to_sun * to_earth, axis=0)))
@@ -106,10 +106,10 @@ def test_the_earth_hides_the_sun_in_a_lunar_eclipse():
 def test_earth_over_the_limb_is_lower_by_its_parallax():
     when = np.array(['2021-05-25T14:00'], 'datetime64[us]')
     lon, lat = lon_lat_deg(sun_and_earth(when).earth_km)
-    earth = sky(Site(float(lon[0]) + 90.0, 0.0), when).earth
+    earth = sky(MoonPlace(float(lon[0]) + 90.0, 0.0), when).earth
     parallax = np.degrees(np.arcsin(1737.4 / earth.distance_km))
     assert earth.elevation_deg == pytest.approx(-parallax, abs=1e-3)
-    below = sky(Site(float(lon[0]), float(lat[0])), when).earth
+    below = sky(MoonPlace(float(lon[0]), float(lat[0])), when).earth
     assert below.elevation_deg == pytest.approx(90.0, abs=1e-3)
     assert below.distance_km == pytest.approx(357555 - 1737.4, abs=120.0)
 
@@ -117,14 +117,14 @@ def test_earth_over_the_limb_is_lower_by_its_parallax():
 def test_azimuth_counts_from_x_towards_y():
     """In the morning the sun is in the east, which is x; a turned grid takes it along."""
     when = np.asarray('2024-06-15T00:00', 'datetime64[us]')
-    plain, turned = (sky(Site(0.0, 0.0, g), when).sun for g in (0.0, 30.0))
+    plain, turned = (sky(MoonPlace(0.0, 0.0, g), when).sun for g in (0.0, 30.0))
     assert plain.azimuth_deg == pytest.approx(90.0 - 88.4976, abs=0.002)
     # y points 30 deg east of north, so it is so much nearer to the east.
     assert turned.azimuth_deg - plain.azimuth_deg == pytest.approx(30.0)
 
 
 def test_share_of_the_disc():
-    sun = sky(Site(0.0, 0.0), np.asarray('2024-06-15T00:00', 'datetime64[us]')).sun
+    sun = sky(MoonPlace(0.0, 0.0), np.asarray('2024-06-15T00:00', 'datetime64[us]')).sun
     heights = sun.elevation_deg + np.array([-2.0, -1.0, -0.5, 0.0, 0.5, 1.0]) * sun.radius_deg
     # The segment beyond half the radius is 1/3 - sqrt(3) / (4 pi) of a disc.
     segment = 1.0 / 3.0 - np.sqrt(3.0) / (4.0 * np.pi)
@@ -134,7 +134,7 @@ def test_share_of_the_disc():
 def test_light_of_a_month():
     """On the equator half of the time; the night lasts half a lunar day less the disc's share."""
     hours = np.datetime64('2026-03-01T00:00:00', 'us') + np.arange(709) * np.timedelta64(1, 'h')
-    over = sky_over_time(Site(20.0, 0.0), hours)
+    over = sky_over_time(MoonPlace(20.0, 0.0), hours)
     assert over.light_share == pytest.approx(0.5, abs=0.01)
     assert over.longest_night_h == pytest.approx(353.0, abs=3.0)
 
@@ -149,7 +149,7 @@ def test_dates(text, utc):
 
 def test_sun_of_a_date():
     """The parameters state the date and what follows from it, and stay when done again."""
-    site = Site(0.0, 0.0, 30.0)
+    site = MoonPlace(0.0, 0.0, 30.0)
     found = sun_of_date(SunConfig(date='2024-06-15T00:00:00Z'), site)
     assert found.azimuth_deg == pytest.approx(31.502, abs=0.003)
     assert found.elevation_deg == pytest.approx(9.077, abs=0.003)
@@ -185,7 +185,7 @@ def test_steps(more):
         seconds = 1e-9 * path.start_ns(step) * sun.rate
         date = np.datetime64('2026-11-28T00:00:00', 'us') + np.timedelta64(
             round(1e6 * seconds), 'us')
-        body = sky(Site(0.0, -85.0), np.asarray(date)).sun
+        body = sky(MoonPlace(0.0, -85.0), np.asarray(date)).sun
         assert path.of_step(step).azimuth_deg == pytest.approx(float(body.azimuth_deg), abs=1e-5)
         assert path.step(path.start_ns(step)) == step == path.step(path.start_ns(step) - 1) + 1
     assert np.all(np.array(moved) <= sun.step_deg * 1.0001)
@@ -214,7 +214,7 @@ def test_the_sun_sets():
 def test_dates_that_have_no_sun():
     """Without a site, in the night, and beyond the last date of the ephemeris."""
     for sun, site, named in (({'date': '2024-06-15'}, None, 'site.source'),
-                             ({'date': '2024-06-01'}, Site(0.0, 0.0), 'elevation_deg')):
+                             ({'date': '2024-06-01'}, MoonPlace(0.0, 0.0), 'elevation_deg')):
         with pytest.raises(ConfigError, match=named):
             sun_of_date(SunConfig(**sun), site)
     late = dated('2099-12-31T00:00:00Z', rate=86400.0)
@@ -231,7 +231,7 @@ HOURS = np.datetime64('2026-03-01T00:00:00', 'us') + np.arange(0, 700, 7) * np.t
 
 def over(horizon_deg=2.0):
     """Return 29 days near the south pole before a horizon that rises to the north."""
-    found = sky_over_time(Site(40.0, -88.0), HOURS)
+    found = sky_over_time(MoonPlace(40.0, -88.0), HOURS)
     mask = horizon_deg * np.sin(np.radians(found.mask_azimuth_deg))
     return SkyOverTime(HOURS, found.sky, found.mask_azimuth_deg, mask,
                        np.interp(found.sky.sun.azimuth_deg, found.mask_azimuth_deg, mask),

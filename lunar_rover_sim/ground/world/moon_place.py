@@ -1,4 +1,4 @@
-"""Site of a world on the Moon, and the angle of its grid to true north."""
+"""Place of a world on the Moon, and the angle of its grid to true north."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _REPORTED = ('lon_deg', 'lat_deg', 'grid_north_deg')
 
 
 @dataclasses.dataclass(frozen=True)
-class Site:
+class MoonPlace:
     """A place on the Moon.
 
     Attributes:
@@ -58,17 +58,17 @@ def unit_vector(lon_deg: float, lat_deg: float) -> Array:
     return np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
 
 
-def site_towards(lon_deg: float, lat_deg: float, south: Array, north: Array) -> Site:
+def site_towards(lon_deg: float, lat_deg: float, south: Array, north: Array) -> MoonPlace:
     """Return the site whose y axis runs from `south` to `north`, (3,) directions of places.
 
     Nothing here fails at a pole, where meridians meet.
     """
-    site = Site(lon_deg, lat_deg)
+    site = MoonPlace(lon_deg, lat_deg)
     east, true_north, _ = site.rotation_enu_moon() @ (north - south)
     return dataclasses.replace(site, grid_north_deg=math.degrees(math.atan2(east, true_north)))
 
 
-def reported_site(report: Mapping[str, Any]) -> Site | None:
+def reported_site(report: Mapping[str, Any]) -> MoonPlace | None:
     """Return where the report of a world says that it lies; None if it does not say.
 
     Raises:
@@ -82,4 +82,4 @@ def reported_site(report: Mapping[str, Any]) -> Site | None:
         if not isinstance(value, (int, float)) or not abs(value) <= most:
             raise WorldError(f'report.{name}: {brief(value)} is not valid; valid is {-most:g} to '
                              f'{most:g} [deg]')
-    return Site(*map(float, values))    # type: ignore[arg-type]
+    return MoonPlace(*map(float, values))    # type: ignore[arg-type]
