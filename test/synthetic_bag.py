@@ -310,7 +310,7 @@ def serialise(item: Item) -> bytes:
     return bytes(STORE.serialize_cdr(item.message, item.msgtype))
 
 
-def write(path: Path, items: list[Item], namespace: str = '', **options: str) -> Path:
+def write(path: Path, items: list[Item], namespace: str = '', **options: Any) -> Path:
     """Write the items as a finished bag and return its path."""
     with BagWriter(path, **options) as writer:
         for item in items:
@@ -319,7 +319,7 @@ def write(path: Path, items: list[Item], namespace: str = '', **options: str) ->
     return path
 
 
-def write_sqlite(path: Path, items: list[Item], namespace: str = '', **options: str) -> Path:
+def write_sqlite(path: Path, items: list[Item], namespace: str = '', **options: Any) -> Path:
     """Write the items as other recorders do: SQLite, by rosbags."""
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
     if options.get('compression') == 'zstd':

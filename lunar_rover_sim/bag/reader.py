@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import closing, suppress
 import functools
+import heapq
+from operator import itemgetter
 from pathlib import Path, PurePath
+import re
 import sqlite3
 from typing import Any, NamedTuple
 
@@ -80,11 +83,12 @@ class Bag(Closing):
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
         self._reader: Reader | None = None
+        self._parts: list[Reader] = []      # each file, where there are several
         if not self.path.exists():
             raise BagError(f'{self.path}: there is no such bag')
         check_files(self.path)
         self.incomplete = (marker.why_incomplete(self.path) if self.path.is_dir() else None)
-        self.storage_path = self.path if self.path.is_file() else storage_file(self.path)
+        self.storage_path = self.path if self.path.is_file() else storage_files(self.path)[0]
         if self.path.is_dir() and not (self.path / marker.METADATA_NAME).is_file():
             raise BagError(f'{self.path}: {self.incomplete}; make it readable with: '
                            f'lunar_rover_sim bag recover {self.path}')
@@ -100,6 +104,10 @@ class Bag(Closing):
             self._reader = Reader(self.path)
             self._reader.open()
             self._typestore = typestore_of(self._reader.connections)
+            if len(self.file_counts) > 1 and not self._reader.compression_mode:
+                for file in self.file_counts:
+                    self._parts.append(Reader(file))
+                    self._parts[-1].open()
         except Exception as error:  # whatever the parsers make of a file that is no bag
             self.close()
             cut = self._files_without_end()
@@ -280,13 +288,45 @@ class Bag(Closing):
             BagError: If the file is damaged.
         """
         wanted = [topics] if isinstance(topics, str) else topics
-        names = {self.resolve(topic) for topic in wanted}
-        connections = [c for c in self.reader.connections if not names or c.topic in names]
+        names, reader = {self.resolve(topic) for topic in wanted}, self.reader
         try:
-            for c, time_ns, data in self.reader.messages(connections, start_ns, stop_ns):
+            for c, time_ns, data in self._merged(reader, names, start_ns, stop_ns):
                 yield RawMessage(c.topic, c.msgtype, time_ns, data)
         except Exception as error:  # whatever the parsers make of damaged bytes
             raise BagError(f'{self.path}: is damaged: {_words(error)}') from None
+
+    def _merged(self, whole: Reader, names: Collection[str], start_ns: int | None,
+                stop_ns: int | None) -> Iterator[tuple[Connection, int, bytes]]:
+        """Yield the messages of all files by bag time: a file ends later than the next begins.
+
+        A file is read from its first message on, so that few are read at once.
+        """
+        def messages(reader: Reader) -> Iterator[tuple[Connection, int, bytes]]:
+            chosen = [c for c in reader.connections if not names or c.topic in names]
+            return iter(reader.messages(chosen, start_ns, stop_ns) if chosen else ())
+
+        if not self._parts:
+            yield from messages(whole)
+            return
+        waiting = sorted(((part.start_time, k, part) for k, part in enumerate(self._parts)
+                          if part.message_count), key=itemgetter(0, 1), reverse=True)
+        heap: list[tuple[int, int, tuple[Connection, int, bytes]]] = []
+        streams: dict[int, Iterator[tuple[Connection, int, bytes]]] = {}
+
+        def advance(k: int) -> None:
+            found = next(streams[k], None)
+            if found is not None:
+                heapq.heappush(heap, (found[1], k, found))
+
+        while heap or waiting:
+            while waiting and (not heap or waiting[-1][0] <= heap[0][0]):
+                _, k, part = waiting.pop()
+                streams[k] = messages(part)
+                advance(k)
+            if heap:
+                _, k, found = heapq.heappop(heap)
+                yield found
+                advance(k)
 
     def messages(self, topics: Iterable[str] = (), start_ns: int | None = None,
                  stop_ns: int | None = None) -> Iterator[tuple[str, int, Any]]:
@@ -352,6 +392,9 @@ class Bag(Closing):
     def close(self) -> None:
         """Close the files."""
         reader, self._reader = self._reader, None
+        while self._parts:
+            with suppress(Exception):       # one that could not be opened
+                self._parts.pop().close()
         if reader is not None and reader.is_open:
             # rosbags empties the list `files` of metadata.yaml, which may be no list.
             with suppress(AttributeError):
@@ -384,12 +427,13 @@ def check_files(path: Path) -> None:
         raise BagError(f'{path}: cannot be read: {error.strerror}') from None
 
 
-def storage_file(path: Path) -> Path:
-    """Return the first storage file in a bag folder; BagError where there is none."""
+def storage_files(path: Path) -> list[Path]:
+    """Return the storage files of a bag folder, by their numbers; BagError where there is none."""
     for suffix in ('.mcap', '.db3'):
-        files = sorted(path.glob(f'*{suffix}'))
+        files = sorted(path.glob(f'*{suffix}'), key=lambda file: (
+            [int(part) for part in re.findall(r'\d+', file.stem)[-1:]], file.name))
         if files:
-            return files[0]
+            return files
     raise BagError(f'{path}: is no bag: it holds neither .mcap nor .db3 files')
 
 

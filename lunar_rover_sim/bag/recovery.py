@@ -1,7 +1,7 @@
 """Making a bag readable whose recording was cut off: by a kill, a full disk, a power cut.
 
 MCAP: the complete chunks of the cut file are written to a new file with an index; mcap's stream
-reader needs none. SQLite: the database rolls back what was not committed, and the `metadata.yaml`
+reader needs none. Whole files of a bag that is split stay as they are. SQLite: the database rolls back what was not committed, and the `metadata.yaml`
 that is missing is made from its tables, as `ros2 bag reindex` does.
 """
 
@@ -17,13 +17,15 @@ from typing import Any, BinaryIO
 
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import breakup_chunk, StreamReader
+from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.metadata import dump_qos_v9
 import yaml
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.qos import qos_of_text
-from lunar_rover_sim.bag.reader import check_files, open_bag, storage_file
-from lunar_rover_sim.bag.writer import (bag_information, BagWriter, in_words, VERSION,
-                                        write_metadata)
+from lunar_rover_sim.bag.reader import check_files, open_bag, storage_files, typestore_of
+from lunar_rover_sim.bag.writer import (bag_information, BagWriter, in_words, StorageFile,
+                                        VERSION, write_metadata)
 from lunar_rover_sim.base.errors import BagError
 
 DISK_ERRORS = (OSError, sqlite3.Error)
@@ -60,15 +62,15 @@ def recover(path: Path | str, output: Path | str | None = None) -> int:
         raise BagError(f'{path}: is complete; there is nothing to recover')
     if output is not None and Path(output).exists():
         raise BagError(f'{output}: exists already and is not overwritten; name another bag')
-    file = storage_file(path)
+    files = storage_files(path)
     try:
         marker.mark(path, reason)
         with marker.lock(path):
             if (path / marker.METADATA_NAME).is_file() and output is None and not cut:
                 return _count(path)     # its index was written before the recording failed
-            if file.suffix == '.mcap':
-                return _recover_mcap(sorted(path.glob('*.mcap')),
-                                     None if output is None else Path(output), reason)
+            if files[0].suffix == '.mcap':
+                return _recover_mcap(files, None if output is None else Path(output), reason)
+            file = files[0]
             if output is not None:
                 _need_space(Path(output).parent, file.stat().st_size)
                 shutil.copytree(path, output)
@@ -84,29 +86,67 @@ def _count(path: Path) -> int:
         return bag.message_count
 
 
-def _recover_mcap(files: Sequence[Path], output: Path | None, reason: str) -> int:
-    """Write a new bag from cut-off files, in the place of one if there is no output."""
-    file, size = files[0], sum(file.stat().st_size for file in files)
+def _recover_mcap(files: list[Path], output: Path | None, reason: str) -> int:
+    """Write a new bag from files, or put new files in the place of those that are cut off."""
     if output is not None:
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise BagError(f'{output}: cannot be made: {error.strerror}') from None
-        _need_space(output.parent, size)
+        _need_space(output.parent, sum(file.stat().st_size for file in files))
         return _rewrite(files, output, reason)
-    if len(files) > 1:
-        raise BagError(f'{file.parent}: holds {len(files)} files; name a folder for one of all '
-                       'with --output')
-    _need_space(file.parent, size)
-    partial = file.parent / _PARTIAL
+    folder = files[0].parent
+    cut = [file for file in files if not _is_whole(file)]
+    _need_space(folder, sum(file.stat().st_size for file in cut))
+    partial = folder / _PARTIAL
     shutil.rmtree(partial, ignore_errors=True)
     try:
-        count = _rewrite(files, partial / file.stem, reason)
-        for name in (file.name, marker.METADATA_NAME):
-            (partial / file.stem / name).replace(file.parent / name)
+        for file in cut:
+            try:
+                _rewrite([file], partial / file.stem, reason)
+            except BagError:
+                if len(files) == 1:
+                    raise
+                file.unlink()       # the next one had just begun
+                files.remove(file)
+                continue
+            (partial / file.stem / file.name).replace(file)
+        information, count = _information_of(files, reason)
+        write_metadata(folder, information)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return count
+
+
+def _is_whole(file: Path) -> bool:
+    """Return whether an MCAP file has its end and its index."""
+    with contextlib.suppress(Exception):    # whatever the parsers make of damaged bytes
+        if marker.has_end(file):
+            with Reader(file):
+                return True
+    return False
+
+
+def _information_of(files: Sequence[Path], reason: str) -> tuple[dict[str, Any], int]:
+    """Return what metadata.yaml says of whole MCAP files, and the number of their messages."""
+    found: list[StorageFile] = []
+    topics: dict[str, tuple[dict[str, Any], int]] = {}
+    for file in files:
+        with Reader(file) as reader:
+            found.append(StorageFile(file.name, reader.start_time, max(0, reader.end_time - 1),
+                                     reader.message_count))
+            typestore = typestore_of(reader.connections)
+            for c in reader.connections:
+                before = topics[c.topic][1] if c.topic in topics else 0
+                topics[c.topic] = ({
+                    'name': c.topic, 'type': c.msgtype, 'serialization_format': 'cdr',
+                    'offered_qos_profiles': dump_qos_v9(
+                        getattr(c.ext, 'offered_qos_profiles', [])),
+                    'type_description_hash': typestore.hash_rihs01(c.msgtype),
+                }, before + c.msgcount)
+    information = bag_information(found, 'mcap', {'incomplete': reason}, 'jazzy',
+                                  list(topics.values()))
+    return information, sum(file.count for file in found)
 
 
 def _need_space(folder: Path, needed: int) -> None:
@@ -223,7 +263,7 @@ def _information(database: sqlite3.Connection, name: str,
               for key, topic, msgtype, encoding, qos, type_hash in database.execute(
                   'SELECT id, name, type, serialization_format, offered_qos_profiles, '
                   'type_description_hash FROM topics ORDER BY id')]
-    information = bag_information(name, 'sqlite3', start_ns, end_ns - start_ns,
-                                  {'incomplete': reason}, 'jazzy', topics,
+    file = StorageFile(name, start_ns, end_ns, sum(counts.values()))
+    information = bag_information([file], 'sqlite3', {'incomplete': reason}, 'jazzy', topics,
                                   'zstd' if compressed else '')
-    return information, sum(counts.values())
+    return information, file.count

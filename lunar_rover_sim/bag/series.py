@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
@@ -75,6 +76,27 @@ class CameraCalibration(NamedTuple):
         return float(-self.P[0, 3] / self.P[0, 0])
 
 
+class Rows:
+    """Numbers of a topic as they are read: flat arrays, a tenth of the memory of objects."""
+
+    def __init__(self) -> None:
+        self._stamps_ns, self._values = array('q'), array('d')
+
+    def __len__(self) -> int:
+        return len(self._stamps_ns)
+
+    def add(self, stamp_ns: int, row: Iterable[float]) -> None:
+        """Take the next row; all have one width."""
+        self._stamps_ns.append(stamp_ns)
+        self._values.extend(row)
+
+    def arrays(self, width: int = 0) -> tuple[Stamps, Array]:
+        """Return stamps (n,) [ns] and values (n, width); width is that of empty rows."""
+        stamps = np.array(self._stamps_ns, np.int64)
+        return stamps, np.array(self._values, float).reshape(
+            len(stamps), len(self._values) // len(stamps) if len(stamps) else width)
+
+
 def read_odometry(bag: Bag, topic: str = '') -> Odometry:
     """Return a whole nav_msgs/Odometry topic, by default that of the truth."""
     stamps, rows = _rows(bag, topic or bag.truth, odometry_row, 13)
@@ -130,12 +152,10 @@ def read_calibration(bag: Bag, topic: str) -> CameraCalibration:
 
 def _rows(bag: Bag, topic: str, row: Callable[[Any], tuple[float, ...]],
           width: int) -> tuple[Stamps, Array]:
-    stamps, rows = [], []
+    rows = Rows()
     for _, _, message in bag.messages([topic]):
-        stamps.append(header_ns(message))
-        rows.append(row(message))
-    return (np.array(stamps, dtype=np.int64),
-            np.array(rows, dtype=float).reshape(len(rows), width))
+        rows.add(header_ns(message), row(message))
+    return rows.arrays(width)
 
 
 def hazard_topics(bag: Bag) -> dict[str, dict[topics.Topic, str]]:

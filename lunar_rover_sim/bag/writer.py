@@ -1,7 +1,8 @@
 """Recording to rosbag2 with message stamps as bag time.
 
 A bag is a folder `NAME` with `NAME.mcap`, `metadata.yaml` and, until its clean end,
-`incomplete.yaml`. A recording that is killed has neither index nor `metadata.yaml`;
+`incomplete.yaml`. One that is split by size has `NAME_0.mcap`, `NAME_1.mcap`, as rosbag2 names
+them, each with the topics known at its beginning. A recording that is killed has neither index nor `metadata.yaml`;
 `recovery.recover` makes it readable. A kill loses what is in memory: at most the last chunk (1 MiB
 before compression), and the chunk before it where its last bytes were still in the buffer of the
 file.
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+import dataclasses
 import json
 import os
 from pathlib import Path
@@ -43,6 +45,27 @@ _SYNC_BYTES = 64 << 20  # written before the disk is asked to begin with them
 _LIBRARY = 'lunar_rover_sim'
 
 
+@dataclasses.dataclass
+class StorageFile:
+    """One storage file of a bag.
+
+    Attributes:
+        name: Of the file.
+        start_ns, end_ns: Bag times of its first and last message [ns].
+        count: Its messages.
+    """
+
+    name: str
+    start_ns: int = _NEVER_NS
+    end_ns: int = 0
+    count: int = 0
+
+    def add(self, bag_ns: int) -> None:
+        """Note a message at a bag time [ns]."""
+        self.start_ns, self.end_ns = min(self.start_ns, bag_ns), max(self.end_ns, bag_ns)
+        self.count += 1
+
+
 class BagWriter:
     """A bag that is being written.
 
@@ -52,6 +75,7 @@ class BagWriter:
         path: Folder to make; it must not exist, its parents are made.
         compression: none, or zstd for each chunk.
         distribution: Of ROS 2, for the metadata.
+        max_bytes: A file of this size is ended, and the next message begins another; 0: never.
 
     Attributes:
         counts: Topic → messages written so far.
@@ -62,22 +86,23 @@ class BagWriter:
     """
 
     def __init__(self, path: Path, compression: str = 'none',
-                 distribution: str = 'jazzy') -> None:
+                 distribution: str = 'jazzy', max_bytes: int = 0) -> None:
         if compression not in COMPRESSIONS:
             valid = ', '.join(COMPRESSIONS)
             raise BagError(f'compression: {compression!r} is not valid; valid are {valid}')
         self.path = Path(path)
         self.counts: dict[str, int] = {}
         self.of_another_clock: set[str] = set()
-        self._distribution = distribution
-        self._file = self.path / f'{self.path.name}.mcap'
+        self._distribution, self._max_bytes = distribution, max_bytes
+        self._compression = COMPRESSIONS[compression]
+        self._files: list[StorageFile] = []
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
         self._stamps = StampTable(self._typestore)
         self._types: dict[str, str] = {}
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}      # by type
         self._profiles: dict[str, Sequence[Mapping[str, object]]] = {}
-        self._oldest_ns, self._newest_ns = _NEVER_NS, 0
+        self._newest_ns = 0
         self._unsynced_bytes = self._synced_to = 0
         self._failure = ''
         self._writer: McapWriter | None = None
@@ -87,13 +112,9 @@ class BagWriter:
             self.path.mkdir(parents=True)
             marker.mark(self.path)
             self._lock: BinaryIO = marker.lock(self.path)
-            self._stream: BinaryIO = self._file.open('xb')
-            writer = McapWriter(self._stream, compression=COMPRESSIONS[compression],
-                                enable_crcs=True, enable_data_crcs=True)
-            writer.start('ros2', _LIBRARY)
+            self._begin_file()
         except OSError as error:
             raise BagError(f'{self.path}: cannot be made: {in_words(error)}') from None
-        self._writer = writer
 
     @property
     def newest_ns(self) -> int:
@@ -128,15 +149,20 @@ class BagWriter:
         profiles = dump_qos_v9([profile])
         writer = self._open_writer()
         try:
-            if msgtype not in self._schemas:
-                text, _ = self._typestore.generate_msgdef(msgtype, ros_version=2)
-                self._schemas[msgtype] = writer.register_schema(msgtype, 'ros2msg', text.encode())
-            self._channels[topic] = writer.register_channel(
-                topic, 'cdr', self._schemas[msgtype],
-                {'offered_qos_profiles': yaml_of(profiles).strip()})
+            self._register(writer, topic, msgtype, profiles)
         except OSError as error:
             raise self._fail(error) from None
         self._types[topic], self._profiles[topic], self.counts[topic] = msgtype, profiles, 0
+
+    def _register(self, writer: McapWriter, topic: str, msgtype: str,
+                  profiles: Sequence[Mapping[str, object]]) -> None:
+        """Register a topic, and its type where that is new, in the present file."""
+        if msgtype not in self._schemas:
+            text, _ = self._typestore.generate_msgdef(msgtype, ros_version=2)
+            self._schemas[msgtype] = writer.register_schema(msgtype, 'ros2msg', text.encode())
+        self._channels[topic] = writer.register_channel(
+            topic, 'cdr', self._schemas[msgtype],
+            {'offered_qos_profiles': yaml_of(profiles).strip()})
 
     def write(self, topic: str, msgtype: str, raw: bytes, fallback_ns: int,
               latest_ns: int | None = None) -> int:
@@ -168,6 +194,9 @@ class BagWriter:
         """Write one message of a registered topic at a bag time [ns], whatever its stamp is."""
         writer = self._open_writer()
         try:
+            if self._max_bytes and self._stream.tell() >= self._max_bytes:
+                self._end_file(writer, {})
+                writer = self._begin_file()
             writer.add_message(self._channels[topic], bag_ns, raw, bag_ns)
             self._unsynced_bytes += len(raw)
             if self._unsynced_bytes > _SYNC_BYTES:
@@ -175,7 +204,7 @@ class BagWriter:
         except OSError as error:
             raise self._fail(error) from None
         self.counts[topic] += 1
-        self._oldest_ns = min(self._oldest_ns, bag_ns)
+        self._files[-1].add(bag_ns)
         self._newest_ns = max(self._newest_ns, bag_ns)
 
     def close(self, incomplete: str = '', real_time_factor: float | None = None) -> None:
@@ -195,22 +224,11 @@ class BagWriter:
                      else {RECORDED_COUNTS: json.dumps(self.counts)}),
                   **({} if real_time_factor is None
                      else {REAL_TIME_FACTOR: f'{real_time_factor:.3g}'})}
-        information = bag_information(
-            self._file.name, 'mcap', self._oldest_ns,
-            max(0, self._newest_ns - self._oldest_ns), custom, self._distribution,
-            [({'name': topic, 'type': msgtype, 'serialization_format': 'cdr',
-               'offered_qos_profiles': self._profiles[topic],
-               'type_description_hash': self._typestore.hash_rihs01(msgtype)},
-              self.counts[topic]) for topic, msgtype in self._types.items()])
         try:
             if incomplete:
                 marker.mark(self.path, incomplete)
-            writer.add_metadata('rosbag2', {'serialized_metadata': yaml_of(information).strip()})
-            writer.finish()
-            self._stream.flush()
-            os.fsync(self._stream.fileno())
-            self._stream.close()
-            write_metadata(self.path, information)
+            self._end_file(writer, custom)
+            write_metadata(self.path, self._information(self._files, custom))
             if not incomplete:
                 marker.unmark(self.path)
             sync_folder(self.path)
@@ -219,6 +237,41 @@ class BagWriter:
         self._writer = None
         self._failure = incomplete
         self._lock.close()
+
+    def _begin_file(self) -> McapWriter:
+        """Open the next storage file, with all topics known so far; raise OSError."""
+        number = f'_{len(self._files)}' if self._max_bytes else ''
+        file = StorageFile(f'{self.path.name}{number}.mcap')
+        self._stream: BinaryIO = (self.path / file.name).open('xb')
+        self._files.append(file)
+        self._unsynced_bytes = self._synced_to = 0
+        writer = McapWriter(self._stream, compression=self._compression, enable_crcs=True,
+                            enable_data_crcs=True)
+        writer.start('ros2', _LIBRARY)
+        self._schemas.clear()
+        for topic, msgtype in self._types.items():
+            self._register(writer, topic, msgtype, self._profiles[topic])
+        self._writer = writer
+        return writer
+
+    def _end_file(self, writer: McapWriter, custom: dict[str, str]) -> None:
+        """Finish the present storage file: its metadata, its index, all on the disk."""
+        information = self._information(self._files, custom)
+        writer.add_metadata('rosbag2', {'serialized_metadata': yaml_of(information).strip()})
+        writer.finish()
+        self._stream.flush()
+        os.fsync(self._stream.fileno())
+        self._stream.close()
+
+    def _information(self, files: Sequence[StorageFile],
+                     custom: dict[str, str]) -> dict[str, Any]:
+        """Return what metadata.yaml says of the files so far."""
+        return bag_information(
+            files, 'mcap', custom, self._distribution,
+            [({'name': topic, 'type': msgtype, 'serialization_format': 'cdr',
+               'offered_qos_profiles': self._profiles[topic],
+               'type_description_hash': self._typestore.hash_rihs01(msgtype)},
+              self.counts[topic]) for topic, msgtype in self._types.items()])
 
     def __enter__(self) -> BagWriter:
         return self
@@ -288,36 +341,36 @@ def _register(typestore: Typestore, msgtype: str, definition: str) -> None:
     typestore.register(types)
 
 
-def bag_information(file: str, storage: str, start_ns: int, duration_ns: int,
-                    custom: dict[str, str], distribution: str,
-                    topics: list[tuple[dict[str, Any], int]],
+def bag_information(files: Sequence[StorageFile], storage: str, custom: dict[str, str],
+                    distribution: str, topics: list[tuple[dict[str, Any], int]],
                     compression: str = '') -> dict[str, Any]:
-    """Return what metadata.yaml says of a bag of one file.
+    """Return what metadata.yaml says of a bag.
 
     Args:
-        file: Name of the storage file.
+        files: Its storage files, in the order of time.
         storage: mcap or sqlite3.
-        start_ns: Bag time of the first message [ns].
-        duration_ns: Time from there to the last message [ns].
         custom: Custom data.
         distribution: Of ROS 2.
         topics: Metadata of each topic, and the number of its messages.
         compression: Format of the compression of each message; empty for none.
     """
-    count = sum(number for _, number in topics)
+    whole = StorageFile('', min(file.start_ns for file in files),
+                        max(file.end_ns for file in files), sum(file.count for file in files))
 
-    def span() -> dict[str, Any]:       # one object in two places would be an anchor in YAML
-        return {'starting_time': {'nanoseconds_since_epoch': start_ns},
-                'duration': {'nanoseconds': duration_ns}, 'message_count': count}
+    def span(file: StorageFile) -> dict[str, Any]:
+        return {'starting_time': {'nanoseconds_since_epoch': file.start_ns},
+                'duration': {'nanoseconds': max(0, file.end_ns - file.start_ns)},
+                'message_count': file.count}
 
-    return {'version': VERSION, 'storage_identifier': storage, 'relative_file_paths': [file],
-            **span(), 'topics_with_message_count': [
+    return {'version': VERSION, 'storage_identifier': storage,
+            'relative_file_paths': [file.name for file in files],
+            **span(whole), 'topics_with_message_count': [
                 {'topic_metadata': metadata, 'message_count': number}
                 for metadata, number in topics],
             'compression_format': compression,
             'compression_mode': 'message' if compression else '',
-            'files': [{'path': file, **span()}], 'custom_data': custom or None,
-            'ros_distro': distribution}
+            'files': [{'path': file.name, **span(file)} for file in files],
+            'custom_data': custom or None, 'ros_distro': distribution}
 
 
 def write_metadata(bag: Path, information: dict[str, Any]) -> None:

@@ -61,7 +61,7 @@ def info(bag: Path, as_json: bool) -> int:
             for topic, msgtype in sorted(opened.types.items())]
         found: dict[str, Any] = {
             'messages': opened.message_count, 'start_s': start_s, 'end_s': end_s,
-            'size_bytes': opened.size_bytes, 'storage': opened.storage_path.suffix.lstrip('.'),
+            'size_bytes': opened.size_bytes, 'files': len(opened.file_counts), 'storage': opened.storage_path.suffix.lstrip('.'),
             'real_time_factor': recorded_factor(opened), 'incomplete': opened.incomplete or None,
             'topics': topics_found}
         notes = missing_tf(opened)
@@ -75,6 +75,7 @@ def info(bag: Path, as_json: bool) -> int:
     factor = found['real_time_factor']
     say(f'{found["messages"]} messages, {start_s:.3f} s to {end_s:.3f} s, '
         f'{found["size_bytes"] / 1e6:.1f} MB, {found["storage"]}'
+        + (f' in {found["files"]} files' if found['files'] > 1 else '')
         + ('' if factor is None else f', real-time factor {factor:.3g}'))
     for note in notes:
         say(note)

@@ -55,18 +55,22 @@ from lunar_rover_sim.run.shared_config import REAL_TIME
               'drive_node, cmd_vel comes from the page of --view or from a node of yours')
 @click.option('--policy', metavar='NAME_OR_PATH', help='walk by a packaged policy or '
               'a policy file, in the place of the gait controller')
+@click.option('--max-bag-size', type=int, metavar='MB', help='begin another file of the bag at '
+              'this size; all files together stay one bag (default: one file)')
 @options.overrides(fast=True)
 def run(scenario: str, output: Path, duration: float | None, seed: int | None, real_time: bool,
         world: Path | None, domain: int | None, goal: tuple[float, float] | None,
         route: str | None, avoid: bool, slam: str | None, view: int | None,
         allow_origin: Sequence[str], teleop: bool,
-        policy: str | None, overrides: list[str]) -> int:
+        policy: str | None, max_bag_size: int | None, overrides: list[str]) -> int:
     """Simulate a scenario with all its nodes and record it to rosbag2."""
     options.not_both(goal=goal, route=route)
     require_ros()
     page = None if view is None else ViewProcess(view, allow_origin)
     if real_time or teleop:
         overrides.append(f'time_mode={REAL_TIME}')
+    if max_bag_size is not None:
+        overrides.append(f'recorder_node.max_bag_size_mb={max_bag_size}')
     chosen = Scenario.load(scenario, overrides, seed=seed, duration_s=duration, world=world)
     if teleop:
         chosen = without_node(chosen, 'drive_node')

@@ -75,7 +75,8 @@ class RecorderNode(node_main.GraphNode):
         self._velocities: dict[str, str] = {}   # topic → type
 
         self._writer = BagWriter(Path(config.output), config.compression,
-                                 os.environ.get('ROS_DISTRO') or 'jazzy')
+                                 os.environ.get('ROS_DISTRO') or 'jazzy',
+                                 config.max_bag_size_mb * 1_000_000)
         self._duration_s = 0.0      # of the run, if there is one; and its process
         self._runner: int | None = None
         if config.scenario_file:

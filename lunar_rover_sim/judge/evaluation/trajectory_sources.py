@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.bag.messages import header_ns, wxyz, xyz
 from lunar_rover_sim.bag.reader import Bag, open_bag
+from lunar_rover_sim.bag.series import Rows
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.frames import Array
@@ -66,17 +67,16 @@ def trajectory_of_topic(bag: Bag, topic: str = '') -> Trajectory:
     if msgtype not in POSES_OF:
         raise EvaluationError(f'{bag.path}: topic {name} is a {msgtype}; valid are '
                               + ', '.join(sorted(POSES_OF)))
-    poses: list[_Pose] = []
+    poses = Rows()
     for _, _, message in bag.messages([name]):
         if msgtype == 'nav_msgs/msg/Path':
-            poses.clear()
-        poses += POSES_OF[msgtype](message)
-    if not poses:
+            poses = Rows()
+        for ns, position, orientation in POSES_OF[msgtype](message):
+            poses.add(ns, (*xyz(position), *wxyz(orientation)))
+    if not len(poses):
         raise EvaluationError(f'{bag.path}: topic {name} holds no poses')
-    return Trajectory(np.array([ns for ns, _, _ in poses], dtype=np.int64),
-                      np.array([xyz(position) for _, position, _ in poses]),
-                      np.array([wxyz(orientation) for _, _, orientation in poses]),
-                      f'{bag.path}:{name}')
+    stamps_ns, rows = poses.arrays()
+    return Trajectory(stamps_ns, rows[:, :3], rows[:, 3:], f'{bag.path}:{name}')
 
 
 def is_bag(path: Path) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable
 import dataclasses
 from typing import Any
@@ -14,6 +15,7 @@ from lunar_rover_sim.bag.ground_points import problem as ground_problem
 from lunar_rover_sim.bag.message_validity import laser_scan_problem, lidar_cloud_problem
 from lunar_rover_sim.bag.messages import imu_row, odometry_row, wxyz, xyz
 from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.bag.series import Rows
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import BagError
 from lunar_rover_sim.base.topics import Topic
@@ -60,7 +62,7 @@ class TopicScan:
     name: str
     msgtype: str
     checks: tuple[Callable[[Any], str], ...] = ()
-    stamps_ns: list[int] = dataclasses.field(default_factory=list)
+    stamps_ns: array[int] = dataclasses.field(default_factory=lambda: array('q'))
     late: int = 0  # messages whose bag time is not their stamp
     frame_ids: set[str] = dataclasses.field(default_factory=set)
     problems: list[str] = dataclasses.field(default_factory=list)
@@ -73,8 +75,7 @@ class BagScan:
 
     namespace: str
     topics: dict[str, TopicScan] = dataclasses.field(default_factory=dict)
-    signals: dict[str, list[tuple[int, tuple[float, ...]]]] = dataclasses.field(
-        default_factory=dict)
+    signals: dict[str, Rows] = dataclasses.field(default_factory=dict)
     frames: list[FrameError] = dataclasses.field(default_factory=list)
     depth_mismatch: list[str] = dataclasses.field(default_factory=list)
     contrast: int = 0  # left images with more than one grey level
@@ -87,9 +88,7 @@ class BagScan:
 
     def signal(self, topic: Topic) -> tuple[np.ndarray, np.ndarray]:
         """Return stamps (n,) [ns] and the values (n, k) that `_SIGNALS` picks."""
-        rows = self.signals.get(topic.name, [])
-        return (np.array([stamp for stamp, _ in rows], dtype=np.int64),
-                np.array([row for _, row in rows], dtype=float))
+        return self.signals.get(topic.name, Rows()).arrays()
 
 
 def _imu(m: Any) -> tuple[float, ...]:
@@ -172,7 +171,7 @@ def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: message_validit
     if message.__msgtype__ != topic.topic.type:
         return
     if name in _SIGNALS:
-        result.signals.setdefault(name, []).append((stamp_ns, _SIGNALS[name](message)))
+        result.signals.setdefault(name, Rows()).add(stamp_ns, _SIGNALS[name](message))
     if problem:
         return
     if name == topics.GROUND_CHANGES.name:

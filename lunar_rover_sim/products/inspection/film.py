@@ -70,18 +70,19 @@ def read_drive(bag: Bag, legs: Legs, start_ns: int | None = None,
         if not bag.count(name):
             raise BagError(f'{bag.path}: holds no drive: {name} is missing')
     names = {bag.resolve(name): name for name in (bag.truth, topics.JOINT_STATES.name)}
-    rows: dict[str, dict[int, Any]] = {name: {} for name in names.values()}
+    poses, joints = series.Rows(), series.Rows()
     for topic, _, message in bag.messages(names, start_ns, end_ns):
-        name = names[topic]
-        rows[name][header_ns(message)] = (odometry_row(message) if name == bag.truth
-                                          else _legs(bag, legs, message))
-    common = sorted(set(rows[bag.truth]) & set(rows[topics.JOINT_STATES.name]))
-    if not common:
+        if names[topic] == bag.truth:
+            poses.add(header_ns(message), odometry_row(message))
+        else:
+            joints.add(header_ns(message), _legs(bag, legs, message).ravel())
+    (pose_ns, pose_rows), (joint_ns, joint_rows) = poses.arrays(), joints.arrays()
+    common, of_pose, of_joints = np.intersect1d(pose_ns, joint_ns, return_indices=True)
+    if not len(common):
         raise BagError(f'{bag.path}: holds no drive: no {topics.JOINT_STATES.name} has the stamp '
                        f'of a message of {bag.truth}')
-    joints = np.array([rows[topics.JOINT_STATES.name][stamp] for stamp in common])
-    return DriveSeries(np.array(common, np.int64), np.array([rows[bag.truth][s] for s in common]),
-                       joints[:, 0], joints[:, 1])
+    states = joint_rows[of_joints].reshape(len(common), 2, -1)
+    return DriveSeries(common, pose_rows[of_pose], states[:, 0], states[:, 1])
 
 
 def _legs(bag: Bag, legs: Legs, message: Any) -> Array:

@@ -73,8 +73,8 @@ def counts(rover: RoverData, report: CheckReport) -> None:
             continue
         expected = np.arange(period, rover.end_ns + 1, period)
         if rover.real_time:
-            problems = grouped({t.name: f'{len(set(t.stamps_ns))} of {len(expected)}'
-                                for t in found if len(set(t.stamps_ns)) < len(expected)})
+            problems = grouped({t.name: f'{count} of {len(expected)}' for t in found
+                                if (count := len(np.unique(t.stamps_ns))) < len(expected)})
         else:
             problems = grouped({t.name: p for t in found
                                 if (p := count_problem(t, expected))})
@@ -144,7 +144,7 @@ def stereo_sets(rover: RoverData, report: CheckReport) -> None:
     odom = rover.scan.topics.get(rover.scan.truth.name)
     if odom is None:
         return
-    without_pose = sorted(union - set(odom.stamps_ns))
+    without_pose = np.setdiff1d(sorted(union), odom.stamps_ns).tolist()
     report.verdict('pose per image',
                    [f'no odometry at {s / NS_PER_S:.6f} s' for s in without_pose],
                    f'{len(union)} stamps', lost)

@@ -163,6 +163,9 @@ def _deep_images(bag: Bag, sequence: Sequence) -> list[str]:
             f' white RGB; for these record {", ".join(EIGHT_BITS)}'] if deep else []
 
 
+_MOST_OPEN = 64     # sets of images that are held while they are not complete
+
+
 class _ImageSets:
     """Puts images of one stamp together."""
 
@@ -182,6 +185,8 @@ class _ImageSets:
     def take(self, name: str, message: Any) -> None:
         stamp_ns = header_ns(message)
         entry = self._open.setdefault(stamp_ns, {})
+        if len(self._open) > _MOST_OPEN:        # of a stamp that never becomes complete
+            self._note(self._open.pop(min(self._open)))
         entry[name] = picture(self._bag, message).pixels
         if set(entry) == self._names:
             for ns in [ns for ns in self._open if ns <= stamp_ns]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.bag.ground_points import changes_of
 from lunar_rover_sim.bag.messages import header_ns, imu_row, joint_order, odometry_row, xyz
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.series import Odometry
+from lunar_rover_sim.bag.series import Odometry, Rows
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import UsdError
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, product_wxyz
@@ -80,14 +80,11 @@ def read_motion(bag: Bag, legs: Legs) -> DriveMotion:
         **{topic.name: lambda m: xyz(m.wrench.force) for topic in contacts},
         topics.LEFT_INFO.name: lambda m: ()}
     names = {bag.resolve(name): name for name in rows if bag.has(name)}
-    stamps: dict[str, list[int]] = {name: [] for name in names.values()}
-    values: dict[str, list[Any]] = {name: [] for name in names.values()}
+    read = {name: Rows() for name in names.values()}
     for full_name, _, message in bag.messages(names):
         name = names[full_name]
-        stamps[name].append(header_ns(message))
-        values[name].append(rows[name](message))
-    found = {name: Series(np.array(stamps[name], np.int64), np.array(values[name], float))
-             for name in stamps if stamps[name]}
+        read[name].add(header_ns(message), rows[name](message))
+    found = {name: Series(*rows_of.arrays()) for name, rows_of in read.items() if len(rows_of)}
     odometry, states = found[bag.truth], found[topics.JOINT_STATES.name]
     pose = odometry.values
     count = len(legs.each)
