@@ -1,8 +1,9 @@
 """Making a bag readable whose recording was cut off: by a kill, a full disk, a power cut.
 
-MCAP: the complete chunks of the cut file are written to a new file with an index; mcap's stream
-reader needs none. Whole files of a bag that is split stay as they are. SQLite: the database rolls back what was not committed, and the `metadata.yaml`
-that is missing is made from its tables, as `ros2 bag reindex` does.
+MCAP: the complete chunks of a cut file are written to a new file with an index; mcap's stream
+reader needs none. Whole files of a bag that is split stay as they are. SQLite: the database rolls
+back what was not committed, and the `metadata.yaml` that is missing is made from its tables, as
+`ros2 bag reindex` does.
 """
 
 from __future__ import annotations

@@ -2,10 +2,11 @@
 
 A bag is a folder `NAME` with `NAME.mcap`, `metadata.yaml` and, until its clean end,
 `incomplete.yaml`. One that is split by size has `NAME_0.mcap`, `NAME_1.mcap`, as rosbag2 names
-them, each with the topics known at its beginning. A recording that is killed has neither index nor `metadata.yaml`;
-`recovery.recover` makes it readable. A kill loses what is in memory: at most the last chunk (1 MiB
-before compression), and the chunk before it where its last bytes were still in the buffer of the
-file.
+them, each with the topics known at its beginning.
+
+A recording that is killed has neither index nor `metadata.yaml`; `recovery.recover` makes it
+readable. A kill loses what is in memory: at most the last chunk (1 MiB before compression), and
+the chunk before it where its last bytes were still in the buffer of the file.
 
 MCAP is written by `mcap.writer`, with checksums of chunks, data and summary
 (https://mcap.dev/spec), laid out as rosbag2 lays it out.

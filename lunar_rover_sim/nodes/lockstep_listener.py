@@ -12,6 +12,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
+from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import GraphError
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.base.topics import Topic
@@ -100,12 +101,12 @@ class LockstepListener:
     def check_publishers(self) -> None:
         """Raise GraphError, naming the topics, if publishers are overdue [wall time]."""
         limit_s = self._start_limit_s()
-        overdue = time.monotonic() - self._last_progress_s > limit_s
-        if self._without_publisher and overdue:
-            text = (f'no publisher for {limit_s:.3g} s on '
-                    + ', '.join(self._without_publisher))
-            tell(NodeState(WAITING, text, PUBLISHERS))
-            raise GraphError(text)
+        waited_s = time.monotonic() - self._last_progress_s
+        # A recorder begins once all others publish.
+        missing = [topic for topic in self._without_publisher
+                   if topic != topics.RECORDED.name] or self._without_publisher
+        if missing:
+            self._check(waited_s, limit_s, 0, dict.fromkeys(missing, 0), PUBLISHERS)
 
     def note_progress(self) -> None:
         """Restart the wait: time advanced, an answer came, or no answer is due."""
@@ -126,36 +127,56 @@ class LockstepListener:
         if now_ns <= STARTED_NS and not self._relays.isdisjoint(missing):
             started = False
         limit_s = self._wait.silence_s if started else self._start_limit_s()
-        waited_s = time.monotonic() - self._last_progress_s
+        self._check(time.monotonic() - self._last_progress_s, limit_s, now_ns, missing,
+                    ANSWERS if started else '')
+
+    def _check(self, waited_s: float, limit_s: float, now_ns: int, missing: Mapping[str, int],
+               awaits: str) -> None:
+        """Raise GraphError if a wait is overdue; tell a long one.
+
+        Args:
+            awaits: PUBLISHERS, ANSWERS, or '' for the first answers, which take their time.
+        """
+        told = ANSWERS if awaits == '' else awaits
         if waited_s >= limit_s:
-            raise GraphError(self._describe_silence(limit_s, now_ns, missing))
-        if started and waited_s >= _NOTICE_S and not self._told:
+            text = self._describe_silence(limit_s, now_ns, missing)
+            tell(NodeState(WAITING, text, told, now_ns))
+            raise GraphError(text)
+        if waited_s >= _NOTICE_S and not self._told:
             self._told = True
             text = self._describe_silence(_NOTICE_S, now_ns, missing)
-            tell(NodeState(WAITING, text, ANSWERS, now_ns))
-            if not is_supervised():     # a run decides itself, by whether its nodes work
-                text += f'; waits for up to {limit_s:g} s'
-            # A slow machine would repeat it at every frame.
-            if self._has_warned:
-                self._node.get_logger().info(text)
-            else:
-                self._node.get_logger().warning(text)
-            self._has_warned = True
+            tell(NodeState(WAITING, text, told, now_ns))
+            if awaits == ANSWERS:
+                self._log_wait(text, limit_s)
+
+    def _log_wait(self, text: str, limit_s: float) -> None:
+        if is_supervised():     # a run decides itself, by whether its nodes work
+            self._node.get_logger().info(text)
+            return
+        text += f'; waits for up to {limit_s:g} s'
+        # A slow machine would repeat it at every frame.
+        if self._has_warned:
+            self._node.get_logger().info(text)
+        else:
+            self._node.get_logger().warning(text)
+        self._has_warned = True
 
     def _start_limit_s(self) -> float:
         """Return how long others may take to start: in a run, longer on a busy machine."""
         return self._wait.start_s * (machine_slowness() if is_supervised() else 1.0)
 
     def _describe_silence(self, waited_s: float, now_ns: int, missing: Mapping[str, int]) -> str:
-        silent = '; '.join(f'{topic} (from {self._publishers(topic)}, last stamp {ns / 1e9:.3f} s'
-                           + (f', {self._refused[topic]} refused)' if topic in self._refused
-                              else ')') for topic, ns in missing.items())
-        return (f'no answer for {waited_s:.3g} s at {now_ns / 1e9:.3f} s of simulated time on '
-                f'{silent}')
+        silent = ', '.join(
+            f'{topic} (from {self._publishers(topic)}) since {ns / 1e9:.3f} s'
+            + (f' ({self._refused[topic]} stamps refused)' if topic in self._refused else '')
+            for topic, ns in missing.items())
+        return (f'nothing on {silent}; {self._node.get_name()} waits for '
+                f'{"it" if len(missing) == 1 else "them"} at {now_ns / 1e9:.3f} s of simulated '
+                f'time, {waited_s:.3g} s so far')
 
     def _publishers(self, topic: str) -> str:
         infos = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
-        return ', '.join(sorted(info.node_name for info in infos)) or 'nobody: no publisher'
+        return ', '.join(sorted(info.node_name for info in infos)) or 'nobody, no publisher'
 
     def _discover(self) -> None:
         for topic in list(self._without_publisher):
@@ -187,14 +208,16 @@ class LockstepListener:
                                  'cannot wait for them')
             self._take_answer(topic, stamp)
 
+        on_loss = self._node.guarded(lambda event: self._on_loss(topic, event))
+        # In lockstep the first loss ends the node.
+        events = (SubscriptionEventCallbacks(message_lost=on_loss) if self._lockstep
+                  else qos.loss_events(topics.topic_of(topic), on_loss))
         # Messages without a handler may be large: they are not deserialised.
         raw = topic not in self._handlers
         self._node.create_subscription(message_class(type_name), topic,
                                        stamp_only if raw else handled,
                                        qos.reliable(qos.STATE_DEPTH), raw=raw,
-                                       event_callbacks=SubscriptionEventCallbacks(
-                                           message_lost=self._node.guarded(
-                                               lambda event: self._on_loss(topic, event))))
+                                       event_callbacks=events)
 
     def _on_loss(self, topic: str, event: Any) -> None:
         self.drops.add(f'Messages of {topic}', event.total_count_change)

@@ -7,9 +7,10 @@ the readers are matched (`matching`). The parameters `qos_overrides` change sing
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import cast
+from collections.abc import Callable, Sequence
+from typing import Any, cast
 
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
@@ -19,7 +20,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.parameters import nearest
-from lunar_rover_sim.base.topics import CHANGING, DEPTH_FRAME, FRAME, LATCHED, SCAN, Topic
+from lunar_rover_sim.base.topics import CHANGING, DEPTH_FRAME, EVENT, FRAME, LATCHED, SCAN, Topic
 
 STATE_DEPTH = 1000
 FRAME_DEPTH = 10
@@ -72,6 +73,19 @@ def adapted(publishers: Sequence[TopicEndpointInfo], history: int) -> QoSProfile
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=history,
                       reliability=ReliabilityPolicy.BEST_EFFORT,
                       durability=DurabilityPolicy.VOLATILE)
+
+
+def loss_events(topic: Topic | None,
+                on_loss: Callable[[Any], None]) -> SubscriptionEventCallbacks | None:
+    """Return the events that tell of lost messages; None where they are not safe, or mean nothing.
+
+    A latched message is meant to be replaced by the next one. Others that have no period come as
+    fast as their publisher likes, and rmw_fastrtps (Jazzy) locks up where messages are lost while
+    an event of earlier ones is taken: its locks are in another order than those of the reader.
+    """
+    if topic is None or topic.rate in (EVENT, LATCHED):
+        return None
+    return SubscriptionEventCallbacks(message_lost=on_loss)
 
 
 PREFIX = 'qos_overrides.'

@@ -7,7 +7,6 @@ from pathlib import Path
 import time
 from typing import Any
 
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.publisher import Publisher
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Header, String
@@ -251,11 +250,7 @@ class RecorderNode(node_main.GraphNode):
             self.get_logger().warning(f'{name}: {event.total_count} messages are lost',
                                       throttle_duration_sec=1.0)
 
-        # A latched message is meant to be replaced by the next one. Others come as fast as their
-        # publisher likes, and rmw_fastrtps (Jazzy) locks up where messages are lost while an event
-        # of earlier ones is taken: its locks are in another order than those of the reader.
-        is_periodic = topic is not None and topic.rate not in (topics.EVENT, topics.LATCHED)
-        events = SubscriptionEventCallbacks(message_lost=on_loss) if is_periodic else None
+        events = qos.loss_events(topic, on_loss)
         self.create_subscription(cls, name, callback, profile, raw=True, event_callbacks=events)
 
     def _rate_status(self) -> SubjectStatus:

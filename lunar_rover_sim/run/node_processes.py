@@ -132,14 +132,14 @@ class NodeProcesses:
                          and not any(s.state == node_state.READY for s in self._told(name)))
 
     def silent_participant(self, now_ns: int) -> str:
-        """Return what a node says that misses an answer at a simulated time; '' if none does.
+        """Return what a node says that waits for others at a simulated time; '' if none does.
 
         The gait controller comes first: physics misses its answer in consequence.
         """
         for name in (*LEG_CONTROLLERS, 'physics_node'):
             for state in self._told(name):
-                if state.awaits == node_state.ANSWERS and state.at_ns == now_ns:
-                    return f'{name}: {state.text}'
+                if state.awaits and state.at_ns == now_ns:
+                    return state.text
         return ''
 
     def measure(self) -> None:
@@ -233,6 +233,8 @@ class NodeProcesses:
         if not reason and name == RECORDER:
             # A full disk has no room for its log, but the mark of the bag has reserved some.
             reason = why_incomplete(self._folder / BAG_FOLDER) or ''
+        if any(state.awaits and state.text == reason for state in self._told(name)):
+            return f'{reason} (log: {self.log(name)})'      # the fault is not its own
         return f'{name} ended with {how}: {reason or "it gave no reason"} (log: {self.log(name)})'
 
     def _fatal_reason(self, name: str) -> str:
