@@ -61,7 +61,8 @@ def info(bag: Path, as_json: bool) -> int:
             for topic, msgtype in sorted(opened.types.items())]
         found: dict[str, Any] = {
             'messages': opened.message_count, 'start_s': start_s, 'end_s': end_s,
-            'size_bytes': opened.size_bytes, 'files': len(opened.file_counts), 'storage': opened.storage_path.suffix.lstrip('.'),
+            'size_bytes': opened.size_bytes, 'files': len(opened.file_counts),
+            'storage': opened.storage_path.suffix.lstrip('.'),
             'real_time_factor': recorded_factor(opened), 'incomplete': opened.incomplete or None,
             'topics': topics_found}
         notes = missing_tf(opened)

@@ -57,8 +57,8 @@ class RecorderConfig(Parameters):
     storage: str = param('mcap', 'file format; bags of SQLite are read only', choices=('mcap',))
     compression: str = param('zstd', 'compression of the storage, without loss',
                              choices=('none', 'zstd'))
-    max_bag_size_mb: int = param(0, 'size at which a file of the bag ends and the next one begins; '
-                                 '0: one file', unit='MB', low=0, high=1_000_000)
+    max_bag_size_mb: int = param(0, 'size at which a file of the bag ends and the next one '
+                                 'begins; 0: one file', unit='MB', low=0, high=1_000_000)
 
 
 FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'render_node'
