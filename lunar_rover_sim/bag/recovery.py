@@ -25,8 +25,8 @@ import yaml
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.qos import qos_of_text
 from lunar_rover_sim.bag.reader import check_files, open_bag, storage_files, typestore_of
-from lunar_rover_sim.bag.writer import (bag_information, BagWriter, in_words, StorageFile,
-                                        VERSION, write_metadata)
+from lunar_rover_sim.bag.writer import (bag_information, BagWriter, in_words, StorageFile, VERSION,
+                                        write_metadata)
 from lunar_rover_sim.base.errors import BagError
 
 DISK_ERRORS = (OSError, sqlite3.Error)
