@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +20,13 @@ class SunFromRover:
     """The sun past relief, rocks and the rover itself, and the Earth."""
 
     def __init__(self, simulation: Simulation, world: World, sun: SunConfig) -> None:
-        """sun: as a parameter gives it, perhaps with a date."""
-        self._simulation, self._world = simulation, world
+        """Look from a rover.
+
+        Args:
+            world: Its report says where on the Moon it is; the ground is the simulation's.
+            sun: As a parameter gives it, perhaps with a date.
+        """
+        self._simulation, self._window = simulation, simulation.world
         self._path = SunPath(sun_of_date(sun, reported_site(world.report)))
         self._step = -1
 
@@ -35,9 +38,14 @@ class SunFromRover:
              stamp_ns: int) -> SeenSun | None:
         """Return what a (3,) place in base_link sees of the sun, None if nothing."""
         self._follow(stamp_ns)
-        T = state.T_world_base
-        return self._view.seen_from(T[:3, :3] @ np.asarray(position_m) + T[:3, 3],
-                                    functools.partial(reaches_sky, self._simulation))
+        T, (x, y) = state.T_world_base, self._window.ground.middle_m
+        middle_m = np.array([x, y, 0.0])
+
+        def clear(point_m: Array, directions: Array) -> NDArray[np.bool_]:
+            return reaches_sky(self._simulation, point_m + middle_m, directions)
+
+        place_m = T[:3, :3] @ np.asarray(position_m) + T[:3, 3]
+        return self._view.seen_from(place_m - middle_m, clear)
 
     def earth(self, stamp_ns: int) -> Array | None:
         """Return the (3,) unit vector to the Earth, as `earth_of_date`."""
@@ -45,10 +53,10 @@ class SunFromRover:
         return self._earth
 
     def _follow(self, stamp_ns: int) -> None:
-        step = self._path.step(stamp_ns)
-        if step != self._step:
-            self._step, sun = step, self._path.of_step(step)
-            self._view, self._earth = SunView(self._world, sun), earth_of_date(sun)
+        step, window = self._path.step(stamp_ns), self._simulation.world
+        if step != self._step or window is not self._window:
+            self._step, self._window, sun = step, window, self._path.of_step(step)
+            self._view, self._earth = SunView(window.local(), sun), earth_of_date(sun)
 
 
 _NO_BODY = -1

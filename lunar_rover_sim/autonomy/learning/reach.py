@@ -132,9 +132,8 @@ class Reach(RoverTask):
         self._energy_j = self._time_s = 0.0
         self._distance_m = distance
         if self.config.elevation == SEEN:
-            assert self.world is not None
-            self._seen = SeenDepth(self.world, self.rover, CameraConfig(), self.config.sun,
-                                   int(rng.integers(2**31)))
+            self._seen = SeenDepth(self._simulation.world, self.rover, CameraConfig(),
+                                   self.config.sun, int(rng.integers(2**31)))
             self._map = ElevationMap(MapConfig().by_pose(TRUTH))
             self._mapped: Elevation | None = None
 
@@ -177,8 +176,7 @@ class Reach(RoverTask):
         """Return the heights at (n, 2) places; that of the rover where they are not known."""
         if self.config.elevation == SEEN:
             return self._seen_elevation(places)
-        world = self.world
-        assert world is not None
+        world = self._simulation.world
         height = np.nan_to_num(world.ground.height_at(places), nan=self.state.position_m[2])
         rocks = world.rocks
         away = np.linalg.norm(rocks.position_m[:, :2] - self.state.position_m[:2], axis=1)

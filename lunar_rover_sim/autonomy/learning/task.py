@@ -142,7 +142,6 @@ class RoverTask(abc.ABC):
         self.rover = load_rover(config.rover)
         self.driver = self.make_driver()
         self.simulation: Simulation | None = None
-        self.world: World | None = None
         self.counts: collections.Counter[str] = collections.Counter()
         legs = self.rover.legs.names
         self.privileged_channels = (
@@ -287,6 +286,11 @@ class RoverTask(abc.ABC):
             self.simulation = None
 
     @property
+    def world(self) -> World | None:
+        """The ground of the episode, on which the rover is now."""
+        return None if self.simulation is None else self.simulation.world
+
+    @property
     def _simulation(self) -> Simulation:
         if self.simulation is None:
             raise LearningError('step: there is no episode; call reset first')
@@ -307,10 +311,10 @@ class RoverTask(abc.ABC):
 
     def _build(self, conditions: Conditions) -> None:
         config = self.config
-        self.world = terrain(conditions.terrain_seed, self.size_m, self.obstacles,
-                             conditions.slope_deg, conditions.slope_azimuth_deg)
+        world = terrain(conditions.terrain_seed, self.size_m, self.obstacles,
+                        conditions.slope_deg, conditions.slope_azimuth_deg)
         rover = conditions.rover(self.rover)
-        self.simulation = Simulation(self.world, rover, physics_of(config.ground, conditions))
+        self.simulation = Simulation(world, rover, physics_of(config.ground, conditions))
         self._motor, self.weight_n = rover.motor, (
             rover.total_mass_kg * self.simulation.config.gravity_mps2)
 

@@ -42,17 +42,18 @@ before holds until its former depth is reached again.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 import numpy as np
+from numpy.typing import NDArray
 
-from lunar_rover_sim.base.compiled import compiled
-from lunar_rover_sim.ground.regolith.overlay import CELL_M, TILE
+from lunar_rover_sim.base.compiled import compiled, read_only
+from lunar_rover_sim.ground.regolith.overlay import CELL_M, NearTiles, TILE
 from lunar_rover_sim.ground.regolith.soil import IMPEDANCE, PARKED_M
-from lunar_rover_sim.ground.world.grid import height_of_triangles
+from lunar_rover_sim.ground.world.grid import height_of_triangles, HeightGrid
 
 # What a step left to be done: nothing, a print to be pressed in, a tip that left its print, and a
 # tip whose motion has diverged.
@@ -201,35 +202,46 @@ def dig_slope(load: float, depth: float, table: np.ndarray, deepest: float) -> f
 _height = compiled(height_of_triangles)
 
 
-@compiled
-def ground_height(x: float, y: float, heights: np.ndarray, cell_m: float) -> float:
-    """Return the height of the ground at a position of a grid around the origin [m]."""
-    first = -0.5 * (heights.shape[0] - 1)
-    return _height(x, y, heights, cell_m, first, first)
+class Heights(NamedTuple):
+    """A `HeightGrid`, as compiled code takes it."""
+
+    samples_m: NDArray[np.float32]
+    cell_m: float
+    first_x: float
+    first_y: float
+
+    @staticmethod
+    def of(grid: HeightGrid) -> Heights:
+        """Return those of a grid."""
+        return Heights(read_only(grid.heights_m, np.float32), grid.cell_m, *grid.first)
 
 
 @compiled
-def looseness_factors(x: float, y: float, loose: np.ndarray, cell_m: float,
+def height_on(ground: Heights, x: float, y: float) -> float:
+    """Return the height of a grid at a position in the frame of the site [m]; NaN beyond it."""
+    return _height(x, y, ground.samples_m, ground.cell_m, ground.first_x, ground.first_y)
+
+
+@compiled
+def looseness_factors(x: float, y: float, loose: Heights,
                       soil: Record) -> tuple[float, float]:
     """Return the factors of looseness on bearing and on friction at a position.
 
     Args:
         x, y: position [m].
-        loose: looseness times its variation; (1, 1) where the soil is the same everywhere.
-        cell_m: distance of its samples [m].
+        loose: looseness times its variation; one sample where the soil is the same everywhere.
         soil: a record of `SOIL`.
     """
-    if loose.shape[0] < 2:
+    if loose.samples_m.shape[0] < 2:
         return 1.0, 1.0
-    looseness = ground_height(x, y, loose, cell_m)
+    looseness = height_on(loose, x, y)
     if math.isnan(looseness):       # beyond the world
         return 1.0, 1.0
     return soil.bearing_ratio ** looseness, soil.friction_ratio ** looseness
 
 
 @compiled
-def _changed(x: float, y: float, which: int, index: np.ndarray, origin: np.ndarray,
-             samples: np.ndarray) -> float:
+def _changed(x: float, y: float, which: int, near: NearTiles) -> float:
     """Return height change (0) or compaction (1) of the overlay at a position, bilinear [m]."""
     gx, gy = x / CELL_M, y / CELL_M
     ix, iy = math.floor(gx), math.floor(gy)
@@ -238,13 +250,13 @@ def _changed(x: float, y: float, which: int, index: np.ndarray, origin: np.ndarr
     for j in range(2):
         for i in range(2):
             tx, ty = (ix + i) // TILE, (iy + j) // TILE
-            column, row = tx - origin[0], ty - origin[1]
-            if 0 <= column < index.shape[1] and 0 <= row < index.shape[0]:
-                tile = index[row, column]
+            column, row = tx - near.origin[0], ty - near.origin[1]
+            if 0 <= column < near.index.shape[1] and 0 <= row < near.index.shape[0]:
+                tile = near.index[row, column]
                 if tile >= 0:
                     weight = (u if i else 1.0 - u) * (v if j else 1.0 - v)
-                    value += weight * samples[tile, which, iy + j - ty * TILE,
-                                              ix + i - tx * TILE]
+                    value += weight * near.samples[tile, which, iy + j - ty * TILE,
+                                                   ix + i - tx * TILE]
     return value
 
 
@@ -390,28 +402,27 @@ def yielded(depth: float, plastic: float, elastic: float, way: float, part: floa
 
 
 @compiled
-def _lie(tip: Record, x: float, y: float, soil: Record, heights: np.ndarray,
-         cell_m: float) -> tuple[float, float]:
+def _lie(tip: Record, x: float, y: float, soil: Record,
+         ground: Heights) -> tuple[float, float]:
     """Lay the surface of a tip along the ground around a position.
 
     Returns:
         Its height there [m] and the tangent of its slope.
     """
     reach = soil.radius_m
-    slope_x = tip.tilt[0] + (ground_height(x + reach, y, heights, cell_m)
-                             - ground_height(x - reach, y, heights, cell_m)) / (2.0 * reach)
-    slope_y = tip.tilt[1] + (ground_height(x, y + reach, heights, cell_m)
-                             - ground_height(x, y - reach, heights, cell_m)) / (2.0 * reach)
+    slope_x = tip.tilt[0] + (height_on(ground, x + reach, y)
+                             - height_on(ground, x - reach, y)) / (2.0 * reach)
+    slope_y = tip.tilt[1] + (height_on(ground, x, y + reach)
+                             - height_on(ground, x, y - reach)) / (2.0 * reach)
     slope2 = slope_x * slope_x + slope_y * slope_y
     nz = 1.0 / math.sqrt(1.0 + slope2)
     tip.normal[0], tip.normal[1], tip.normal[2] = -slope_x * nz, -slope_y * nz, nz
     tip.at[0], tip.at[1] = x, y
-    return ground_height(x, y, heights, cell_m) + tip.change, math.sqrt(slope2)
+    return height_on(ground, x, y) + tip.change, math.sqrt(slope2)
 
 
 @compiled
-def _follow(tip: Record, x: float, y: float, soil: Record, index: np.ndarray,
-            origin: np.ndarray, samples: np.ndarray) -> None:
+def _follow(tip: Record, x: float, y: float, soil: Record, near: NearTiles) -> None:
     """Let a tip that moves on in the ground meet the surface ahead of it."""
     dx, dy = x - tip.at[0], y - tip.at[1]
     way = math.sqrt(dx * dx + dy * dy)
@@ -420,8 +431,8 @@ def _follow(tip: Record, x: float, y: float, soil: Record, index: np.ndarray,
     depth = min(max(tip.depth, 0.0), soil.radius_m)
     inner = math.sqrt(depth * (2.0 * soil.radius_m - depth)) + 1.5 * CELL_M
     ahead_x, ahead_y = x + dx / way * inner, y + dy / way * inner
-    change = _changed(ahead_x, ahead_y, 0, index, origin, samples)
-    former = _former_depth_m(change, _changed(ahead_x, ahead_y, 1, index, origin, samples),
+    change = _changed(ahead_x, ahead_y, 0, near)
+    former = _former_depth_m(change, _changed(ahead_x, ahead_y, 1, near),
                              soil.compacted)
     part = min(1.0, way / (2.0 * inner))
     # On along the lean of the print, and towards what lies ahead.
@@ -433,35 +444,33 @@ def _follow(tip: Record, x: float, y: float, soil: Record, index: np.ndarray,
 
 
 @compiled
-def _touch(tip: Record, x: float, y: float, soil: Record, index: np.ndarray,
-           origin: np.ndarray, samples: np.ndarray) -> float:
+def _touch(tip: Record, x: float, y: float, soil: Record, near: NearTiles) -> float:
     """Take the changed ground below a tip in the air for its surface; return its former depth."""
-    change = _changed(x, y, 0, index, origin, samples)
-    former = _former_depth_m(change, _changed(x, y, 1, index, origin, samples), soil.compacted)
+    change = _changed(x, y, 0, near)
+    former = _former_depth_m(change, _changed(x, y, 1, near), soil.compacted)
     reach = soil.radius_m
     tip.change = change + former
-    tip.tilt[0] = (_changed(x + reach, y, 0, index, origin, samples)
-                   - _changed(x - reach, y, 0, index, origin, samples)) / (2.0 * reach)
-    tip.tilt[1] = (_changed(x, y + reach, 0, index, origin, samples)
-                   - _changed(x, y - reach, 0, index, origin, samples)) / (2.0 * reach)
+    tip.tilt[0] = (_changed(x + reach, y, 0, near)
+                   - _changed(x - reach, y, 0, near)) / (2.0 * reach)
+    tip.tilt[1] = (_changed(x, y + reach, 0, near)
+                   - _changed(x, y - reach, 0, near)) / (2.0 * reach)
     return former
 
 
 @compiled
-def support(tip: Record, soil: Record, table: np.ndarray, deepest: float, heights: np.ndarray,
-            cell_m: float, loose: np.ndarray, loose_cell_m: float, index: np.ndarray,
-            origin: np.ndarray, samples: np.ndarray) -> None:
+def support(tip: Record, soil: Record, table: np.ndarray, deepest: float, ground: Heights,
+            loose: Heights, near: NearTiles) -> None:
     """Let the soil under a tip yield, and set depths, force, friction and event of the tip."""
     x, y, z = tip.centre[0], tip.centre[1], tip.centre[2]
     radius, step = soil.radius_m, soil.step_s
     tip.event = NOTHING
     if not tip.in_ground:
-        above = z - radius - (ground_height(x, y, heights, cell_m)
-                              + _changed(x, y, 0, index, origin, samples))
+        above = z - radius - (height_on(ground, x, y)
+                              + _changed(x, y, 0, near))
         if not above < _NEAR_M:     # NaN beyond the world
             return
-        former = _touch(tip, x, y, soil, index, origin, samples)
-        height, slope = _lie(tip, x, y, soil, heights, cell_m)
+        former = _touch(tip, x, y, soil, near)
+        height, slope = _lie(tip, x, y, soil, ground)
         n = tip.normal
         depth = radius - (z - height) * n[2]
         if depth <= former * n[2]:
@@ -469,8 +478,8 @@ def support(tip: Record, soil: Record, table: np.ndarray, deepest: float, height
         tip.in_ground = True
         tip.plastic, tip.elastic, tip.sheared = former * n[2], 0.0, 0.0
     else:
-        _follow(tip, x, y, soil, index, origin, samples)
-        height, slope = _lie(tip, x, y, soil, heights, cell_m)
+        _follow(tip, x, y, soil, near)
+        height, slope = _lie(tip, x, y, soil, ground)
         n = tip.normal
         depth = radius - (z - height) * n[2]
         if depth - tip.plastic < -_LIFT_OFF_M:
@@ -478,7 +487,7 @@ def support(tip: Record, soil: Record, table: np.ndarray, deepest: float, height
             tip.event = LEFT
             return
     # Strength here: on slopes and in loose soil less.
-    bearing, friction = looseness_factors(x, y, loose, loose_cell_m, soil)
+    bearing, friction = looseness_factors(x, y, loose, soil)
     friction *= soil.friction
     reserve = bearing * max(0.0, 1.0 - slope / friction)
     part = bearing * bearing_on_slope(slope, soil)
@@ -551,43 +560,57 @@ def sinkage_of(tips: np.ndarray, sinkage: np.ndarray) -> None:
             sinkage[tip.leg] = max(sinkage[tip.leg], tip.depth)
 
 
+class Mujoco(NamedTuple):
+    """Arrays of one model and its data, which stay where they are."""
+
+    qpos: np.ndarray
+    qvel: np.ndarray
+    mocap_pos: np.ndarray
+    mocap_quat: np.ndarray
+    pair_friction: np.ndarray
+    pair_solref: np.ndarray
+    pair_solreffriction: np.ndarray
+    pair_solimp: np.ndarray
+    leg_wrench: np.ndarray
+    motor_torque: np.ndarray
+
+
 @compiled
-def advance(mj_step: int, model: int, data: int, steps: int, qpos: np.ndarray,
-            qvel: np.ndarray, legs: np.ndarray, tips: np.ndarray, soils: np.ndarray,
-            table: np.ndarray, deepest: float, heights: np.ndarray, cell_m: float,
-            loose: np.ndarray, loose_cell_m: float, index: np.ndarray, origin: np.ndarray,
-            samples: np.ndarray, mocap_pos: np.ndarray, mocap_quat: np.ndarray,
-            pair_friction: np.ndarray, pair_solref: np.ndarray, pair_solreffriction: np.ndarray,
-            pair_solimp: np.ndarray, slipped: np.ndarray, leg_wrench: np.ndarray,
-            motor_torque: np.ndarray, wrench: np.ndarray,
-            torque: np.ndarray) -> tuple[int, bool]:
+def advance(mj_step: int, model: int, data: int, steps: int, arrays: Mujoco, legs: np.ndarray,
+            tips: np.ndarray, soils: np.ndarray, table: np.ndarray, deepest: float,
+            ground: Heights, loose: Heights, near: NearTiles, slipped: np.ndarray,
+            wrench: np.ndarray, torque: np.ndarray) -> tuple[int, bool]:
     """Make steps of soil and MuJoCo until one leaves something to be done for a tip.
+
+    They end, too, where the rover leaves the place around which `near` has all tiles.
 
     Args:
         mj_step, model, data: addresses of MuJoCo's function and of its arguments.
         steps: how many at most.
-        qpos, qvel, mocap_pos, mocap_quat, pair_friction, pair_solref, pair_solreffriction,
-            pair_solimp: arrays of MuJoCo.
+        arrays: of MuJoCo.
         legs, tips, soils: records of `LEG`, `TIP` and one of `SOIL`.
         table, deepest: as for `dig_slope`.
-        heights, cell_m: the untouched ground; loose, loose_cell_m: looseness of the soil on it,
-            times its variation, (1, 1) where it is the same everywhere.
-        index, origin, samples: of the overlay.
+        ground: the untouched one.
+        loose: looseness of the soil on it, as for `looseness_factors`.
+        near: of the overlay.
         slipped: (legs,) way of loaded tips, added to [m].
-        leg_wrench, motor_torque: of the present step; wrench, torque: added to.
+        wrench, torque: sums over steps of arrays.leg_wrench and arrays.motor_torque.
 
     Returns:
         The number of steps made, and whether a tip has an event.
     """
     soil = soils[0]
+    mocap_pos, mocap_quat = arrays.mocap_pos, arrays.mocap_quat
     for made in range(steps):
-        place_tips(qpos, qvel, legs, tips)
+        if (abs(arrays.qpos[0] - near.centre[0]) > near.centre[2]
+                or abs(arrays.qpos[1] - near.centre[1]) > near.centre[2]):
+            return made, False
+        place_tips(arrays.qpos, arrays.qvel, legs, tips)
         stop = diverged = False
         for k in range(len(tips)):
             tip = tips[k]
             sheared = tip.sheared if tip.in_ground else 0.0
-            support(tip, soil, table, deepest, heights, cell_m, loose, loose_cell_m, index,
-                    origin, samples)
+            support(tip, soil, table, deepest, ground, loose, near)
             if tip.event != NOTHING:
                 stop = True
                 diverged = diverged or tip.event == DIVERGED
@@ -603,21 +626,21 @@ def advance(mj_step: int, model: int, data: int, steps: int, qpos: np.ndarray,
             scale = 1.0 / math.sqrt(2.0 * (1.0 + n[2]))
             turn[0], turn[1] = (1.0 + n[2]) * scale, -n[1] * scale
             turn[2], turn[3] = n[0] * scale, 0.0
-            pair_friction[tip.pair, 0] = pair_friction[tip.pair, 1] = tip.friction
+            arrays.pair_friction[tip.pair, 0] = arrays.pair_friction[tip.pair, 1] = tip.friction
             # Spring and damper stay what they are while the carried mass grows; shear, which is
             # far stiffer, grows with that mass. `rover/physics/soil_contact.py` has the formulas.
             part = onset(tip.elastic)
             impedance = IMPEDANCE * part
             rest = (1.0 - impedance) / (1.0 - IMPEDANCE)
-            pair_solimp[tip.pair, 0] = pair_solimp[tip.pair, 1] = impedance
-            pair_solref[tip.pair, 0] = tip.held[0] * rest * tip.sprung
-            pair_solref[tip.pair, 1] = tip.held[1] * rest * tip.damped
-            pair_solreffriction[tip.pair, 1] = tip.held[1] * part
+            arrays.pair_solimp[tip.pair, 0] = arrays.pair_solimp[tip.pair, 1] = impedance
+            arrays.pair_solref[tip.pair, 0] = tip.held[0] * rest * tip.sprung
+            arrays.pair_solref[tip.pair, 1] = tip.held[1] * rest * tip.damped
+            arrays.pair_solreffriction[tip.pair, 1] = tip.held[1] * part
         if diverged:
             return made, True
         _call(mj_step, model, data)
-        wrench += leg_wrench
-        torque += motor_torque
+        wrench += arrays.leg_wrench
+        torque += arrays.motor_torque
         if stop:
             return made + 1, True
     return steps, False

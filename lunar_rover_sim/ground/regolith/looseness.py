@@ -8,11 +8,13 @@ rim (McGetchin et al. 1973), and a crater counts as fresh up to half of its life
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
 
 from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.ground.regolith.law import Heights
 from lunar_rover_sim.ground.regolith.soil import PRESETS
 from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.grid import HeightGrid, window_of
@@ -45,42 +47,52 @@ class SoilMap:
     looseness: HeightGrid
     variation: float
 
+    @functools.cached_property
+    def varied(self) -> Heights:
+        """Looseness times its variation, as `law.looseness_factors` takes it."""
+        grid = self.looseness
+        return Heights.of(dataclasses.replace(
+            grid, heights_m=(grid.heights_m * self.variation).astype(np.float32)))
+
 
 def soil_map(world: World, variation: float) -> SoilMap:
     """Return the map of a world; variation: 0 for a uniform soil, 1 for its full looseness."""
-    n = 2 * math.ceil(world.ground.half_extent_m / CELL_M) + 1
-    firm = 1.0 - _crater_looseness(world.craters, n)
-    firm *= 1.0 - _slope_looseness(world.ground, n)
-    return SoilMap(HeightGrid((1.0 - firm).astype(np.float32), CELL_M), variation)
+    ground = world.ground
+    n = 2 * math.ceil(ground.half_extent_m / CELL_M) + 1
+    grid = HeightGrid(np.zeros((n, n), np.float32), CELL_M, ground.middle_m)
+    firm = 1.0 - _crater_looseness(world.craters, grid)
+    firm *= 1.0 - _slope_looseness(ground, grid)
+    return SoilMap(dataclasses.replace(grid, heights_m=(1.0 - firm).astype(np.float32)), variation)
 
 
-def _crater_looseness(craters: Craters, n: int) -> Array:
+def _crater_looseness(craters: Craters, grid: HeightGrid) -> Array:
     """Return the (n, n) looseness by craters: the greatest where several overlap."""
+    n, (first_x, first_y) = grid.n, grid.first
     field = np.zeros((n, n))
     for i in np.flatnonzero((craters.age < FRESH) & (craters.diameter_m >= LEAST_DIAMETER_M)):
         radius = 0.5 * craters.diameter_m[i] / CELL_M
-        x, y = craters.position_m[i] / CELL_M + 0.5 * (n - 1)
-        window = window_of(x, y, REACH * radius, n)
+        x, y = craters.position_m[i] / CELL_M
+        window = window_of(x - first_x, y - first_y, REACH * radius, n)
         if window is None:
             continue
-        rho = np.hypot((np.arange(window[1].start, window[1].stop) - x) / radius,
-                       ((np.arange(window[0].start, window[0].stop) - y) / radius)[:, None])
+        # Places on the lattice of the site, so that all windows have the same bits.
+        rows, columns = (np.arange(part.start, part.stop) for part in window)
+        rho = np.hypot((columns + first_x - x) / radius, ((rows + first_y - y) / radius)[:, None])
         inside = AT_CENTRE + (1.0 - AT_CENTRE) * rho ** 2
         loose = np.where(rho < 1.0, inside, np.where(rho < REACH, np.maximum(rho, 1.0) ** -3, 0.0))
         field[window] = np.maximum(field[window], (1.0 - craters.age[i] / FRESH) * loose)
     return field
 
 
-def _slope_looseness(ground: HeightGrid, n: int) -> Array:
-    """Return the (n, n) looseness by slopes over half a metre."""
-    axis = (np.arange(n) - (n - 1) / 2) * CELL_M
-    x, y = np.meshgrid(axis, axis)
+def _slope_looseness(ground: HeightGrid, grid: HeightGrid) -> Array:
+    """Return the (n, n) looseness by slopes over half a metre, cut short at the border."""
+    x, y = np.meshgrid(*((np.arange(grid.n) + first) * CELL_M for first in grid.first))
     reach = 0.5 * SLOPE_OVER_M
-    limit = ground.half_extent_m
+
+    low, high = (np.array(ground.middle_m) + side * ground.half_extent_m for side in (-1.0, 1.0))
 
     def height(dx: float, dy: float) -> Array:
-        at = np.stack([np.clip(x + dx, -limit, limit), np.clip(y + dy, -limit, limit)], axis=-1)
-        return ground.height_at(at)
+        return ground.height_at(np.clip(np.stack([x + dx, y + dy], axis=-1), low, high))
 
     slope = np.hypot(height(reach, 0.0) - height(-reach, 0.0),
                      height(0.0, reach) - height(0.0, -reach)) / SLOPE_OVER_M

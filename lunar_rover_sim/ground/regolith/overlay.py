@@ -14,14 +14,34 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Iterator
 import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 CELL_M = 0.005
 TILE = 20
+TILE_M = TILE * CELL_M
 TileKey = tuple[int, int]
-_MARGIN = 16    # tiles by which the index grows beyond what was touched
+_OPEN = 4096        # tiles that are open before old ones are closed: 15 MB
+_MARGIN = 32        # tiles around what is reserved that compiled code can reach, too
+_NUMBER = 8         # bytes of the number of the last write
+
+
+class NearTiles(NamedTuple):
+    """The tiles around a place, for compiled code.
+
+    Attributes:
+        index: (rows, columns) int32, which tile of `samples` lies where; -1: none.
+        origin: (2,) tx and ty of its first one.
+        samples: (tiles, 2, TILE, TILE) float32, height change and compaction [m].
+        centre: (3,) x and y of the place, and how far from it in x and y a rover may go [m].
+    """
+
+    index: NDArray[np.int32]
+    origin: NDArray[np.int64]
+    samples: NDArray[np.float32]
+    centre: NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,27 +74,31 @@ class _Tile:
 class Overlay:
     """The changes of the ground; arrays are indexed [iy, ix] as those of a HeightGrid.
 
+    Tiles that were written long ago are closed: of what they hold only numbers other than 0 are
+    kept, bit for bit, which is a fifth of the memory. All methods read and open them as needed.
+
     Attributes:
-        index: (rows, columns) int32, which tile of `samples` lies where; -1: none. Its first one
-            is the tile `origin`.
-        origin: (2,) tx and ty.
-        samples: (tiles, 2, TILE, TILE) float32, height change and compaction [m].
+        near: For compiled code, which reads and writes these arrays; `gather`, `reserve` and
+            writes may replace them.
         changed: (tiles, TILE, TILE) which samples have changed since `take_changes`.
         writes: number of writes.
         residue_m: what rounding to float32 has left of all changes [m].
-
-    Compiled code reads and writes these arrays; a new tile may replace them.
     """
 
     def __init__(self) -> None:
-        self.index = np.full((1, 1), -1, np.int32)
-        self.origin = np.zeros(2, np.int64)
-        self.samples = np.zeros((0, 2, TILE, TILE), np.float32)
+        self.near = NearTiles(np.full((1, 1), -1, np.int32), np.zeros(2, np.int64),
+                              np.zeros((0, 2, TILE, TILE), np.float32),
+                              np.array([0.0, 0.0, math.inf]))
         self.changed = np.zeros((0, TILE, TILE), bool)
-        self._tiles: dict[TileKey, int] = {}
+        self._open: dict[TileKey, int] = {}         # place in `samples`
+        self._free: list[int] = []                  # places that hold no tile
+        self._closed: dict[TileKey, bytes] = {}
         self._dirty: set[TileKey] = set()
-        # Tile → number of its last write, in the order of these.
+        # Tile → number of its last write: of open tiles, in the order of these. A tile that was
+        # opened again is in `_reopened` until it is written to.
         self._written: dict[TileKey, int] = {}
+        self._reopened: dict[TileKey, int] = {}
+        self._last_closed = 0       # greatest number of a closed or reopened tile
         self.writes = 0
         self.residue_m = 0.0
 
@@ -95,6 +119,11 @@ class Overlay:
             if number <= writes:
                 break
             tiles[tx * TILE // side, ty * TILE // side] = None
+        if writes < self._last_closed:
+            numbers = {key: _number(data) for key, data in self._closed.items()}
+            for (tx, ty), number in {**numbers, **self._reopened}.items():
+                if number > writes:
+                    tiles[tx * TILE // side, ty * TILE // side] = None
         return list(tiles)
 
     def height_change(self, xy_m: ArrayLike) -> NDArray[np.float64]:
@@ -114,20 +143,24 @@ class Overlay:
                ny: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return copies of height change and compaction, (ny, nx), from the sample (ix, iy) on."""
         height, compaction = np.zeros((ny, nx)), np.zeros((ny, nx))
-        for key, there, here in pieces(ix, iy, nx, ny, self._tiles):
-            tile = self._tile_at(self._tiles[key])
+        for key, there, here in pieces(ix, iy, nx, ny, self):
+            tile = self._read(key)
             height[here] = tile.height[there]
             compaction[here] = tile.compaction[there]
         return height, compaction
 
+    def __contains__(self, key: object) -> bool:
+        return key in self._open or key in self._closed
+
     @property
     def memory_bytes(self) -> int:
         """Memory of the samples."""
-        return len(self._tiles) * TILE * TILE * 9
+        return len(self._open) * TILE * TILE * 9 + sum(map(len, self._closed.values()))
 
     def sums_m(self) -> tuple[float, float]:
         """Return the sums of height change and of compaction over all samples [m]."""
-        tiles = [self._tile_at(self._tiles[key]) for key in sorted(self._tiles)]
+        # Sums by `fsum` do not depend on the order.
+        tiles = [self._read(key) for key in self._keys()]
         return (math.fsum(v for t in tiles for v in t.height[t.height != 0.0].tolist()),
                 math.fsum(v for t in tiles for v in t.compaction[t.compaction != 0.0].tolist()))
 
@@ -140,23 +173,42 @@ class Overlay:
         self.residue_m += float((height_m - height).sum() + (compaction_m - compaction).sum())
         ny, nx = height.shape
         for key, there, here in pieces(ix, iy, nx, ny):
-            tile = self._tile(key)
-            if tile is None:
-                if not (height[here].any() or compaction[here].any()):
-                    continue
-                tile = self._make(key)
+            if key not in self and not (height[here].any() or compaction[here].any()):
+                continue
+            tile = self._make(key)
             tile.changed[there] |= ((tile.height[there] != height[here])
                                     | (tile.compaction[there] != compaction[here]))
             tile.height[there] = height[here]
             tile.compaction[there] = compaction[here]
             self._note_write(key)
 
+    def gather(self, x_m: float, y_m: float, reach_m: float, way_m: float) -> None:
+        """Let compiled code reach all tiles around a rover that goes on from a place.
+
+        Args:
+            x_m, y_m: Place of the rover [m].
+            reach_m: How far around itself it touches the ground [m].
+            way_m: How far from the place it may go in x and y until the next call [m].
+        """
+        span = reach_m + way_m
+        low = [math.floor((v - span) / TILE_M) for v in (x_m, y_m)]
+        high = [math.floor((v + span) / TILE_M) + 1 for v in (x_m, y_m)]
+        self._look_at(low, high)
+        for key in [(tx, ty) for ty in range(low[1], high[1]) for tx in range(low[0], high[0])]:
+            if key in self._closed:
+                self._make(key)
+        self.near = self.near._replace(centre=np.array([x_m, y_m, way_m]))
+
     def reserve(self, ix: int, iy: int, nx: int, ny: int) -> list[TileKey]:
         """Make all tiles of a window, and return them: for compiled code that writes to them."""
-        keys = [(tx, ty) for ty in range(iy // TILE, (iy + ny - 1) // TILE + 1)
-                for tx in range(ix // TILE, (ix + nx - 1) // TILE + 1)]
+        low = ix // TILE, iy // TILE
+        high = (ix + nx - 1) // TILE + 1, (iy + ny - 1) // TILE + 1
+        keys = [(tx, ty) for ty in range(low[1], high[1]) for tx in range(low[0], high[0])]
+        first, size = self.near.origin, self.near.index.shape[::-1]
+        if np.any(low < first) or np.any(high > first + size):
+            self._look_at(np.array(low) - _MARGIN, np.array(high) + _MARGIN)
         for key in keys:
-            if key not in self._tiles:
+            if key not in self._open:
                 self._make(key)
         return keys
 
@@ -185,19 +237,25 @@ class Overlay:
         self._dirty.add(key)
         self.writes += 1
         self._written.pop(key, None)
+        self._reopened.pop(key, None)
         self._written[key] = self.writes
 
     def take_changes(self) -> GroundChanges:
         """Return the samples that have changed since the last call, and forget that they did."""
         changes = self._collect(sorted(self._dirty), only_changed=True)
         for key in self._dirty:
-            self.changed[self._tiles[key]] = False
+            number = self._open.get(key)
+            if number is None:
+                data = self._closed[key]
+                self._closed[key] = _closed(_number(data), *_opened(data)[:2])
+            else:
+                self.changed[number] = False
         self._dirty.clear()
         return changes
 
     def snapshot(self) -> GroundChanges:
         """Return all samples that are not 0."""
-        return self._collect(sorted(self._tiles), only_changed=False)
+        return self._collect(sorted(self._keys()), only_changed=False)
 
     def copy(self) -> Overlay:
         """Return an independent overlay of the same values, with nothing changed since."""
@@ -208,10 +266,9 @@ class Overlay:
 
     def restore(self, other: Overlay) -> None:
         """Take over all values of another overlay; what differs counts as changed."""
-        for key in sorted(self._tiles.keys() | other._tiles.keys()):
-            tile, source = self._make(key), other._tile(key)
-            height, compaction = (0.0, 0.0) if source is None else (source.height,
-                                                                    source.compaction)
+        for key in sorted({*self._keys(), *other._keys()}):
+            tile, source = self._make(key), other._read(key)
+            height, compaction = source.height, source.compaction
             tile.changed[:] |= (tile.height != height) | (tile.compaction != compaction)
             tile.height[:] = height
             tile.compaction[:] = compaction
@@ -221,7 +278,7 @@ class Overlay:
     def _collect(self, keys: list[TileKey], only_changed: bool) -> GroundChanges:
         index, heights, compactions = [], [], []
         for key in keys:
-            tile = self._tile_at(self._tiles[key])
+            tile = self._read(key)
             chosen = tile.changed if only_changed else (
                 (tile.height != 0.0) | (tile.compaction != 0.0))
             jy, jx = np.nonzero(chosen)
@@ -234,39 +291,83 @@ class Overlay:
         return GroundChanges(np.concatenate(index).astype(np.int32), np.concatenate(heights),
                              np.concatenate(compactions))
 
-    def _tile(self, key: TileKey) -> _Tile | None:
-        number = self._tiles.get(key)
-        return None if number is None else self._tile_at(number)
+    def _keys(self) -> list[TileKey]:
+        return [*self._open, *self._closed]
 
     def _tile_at(self, number: int) -> _Tile:
-        return _Tile(self.samples[number, 0], self.samples[number, 1], self.changed[number])
+        samples = self.near.samples
+        return _Tile(samples[number, 0], samples[number, 1], self.changed[number])
+
+    def _read(self, key: TileKey) -> _Tile:
+        """Return a tile, to be read; one of zeros if there is none."""
+        number = self._open.get(key)
+        if number is not None:
+            return self._tile_at(number)
+        data = self._closed.get(key)
+        return _NO_TILE if data is None else _Tile(*_opened(data))
 
     def _make(self, key: TileKey) -> _Tile:
-        """Return a tile, which is made if there is none."""
-        number = self._tiles.get(key)
+        """Return an open tile, which is made if there is none."""
+        number = self._open.get(key)
         if number is None:
-            number = self._tiles[key] = len(self._tiles)
-            if number == len(self.samples):
-                more = max(8, number // 4)
-                self.samples = np.concatenate(
-                    [self.samples, np.zeros((more, 2, TILE, TILE), np.float32)])
-                self.changed = np.concatenate([self.changed, np.zeros((more, TILE, TILE), bool)])
+            number = self._open[key] = self._place()
+            data = self._closed.pop(key, None)
+            tile = self._tile_at(number)
+            if data is None:
+                tile.height[:], tile.compaction[:], tile.changed[:] = 0.0, 0.0, False
+            else:
+                tile.height[:], tile.compaction[:], tile.changed[:] = _opened(data)
+                if _number(data):
+                    self._reopened[key] = _number(data)
             self._enter(key, number)
         return self._tile_at(number)
 
+    def _place(self) -> int:
+        """Return a place for a tile."""
+        if not self._free:
+            if len(self._open) > _OPEN:
+                self._close_old()
+            count = len(self.near.samples)
+            if not self._free:
+                more = max(8, count // 4)
+                self.near = self.near._replace(samples=np.concatenate(
+                    [self.near.samples, np.zeros((more, 2, TILE, TILE), np.float32)]))
+                self.changed = np.concatenate([self.changed, np.zeros((more, TILE, TILE), bool)])
+                self._free = list(reversed(range(count, count + more)))
+        return self._free.pop()
+
+    def _close_old(self) -> None:
+        """Close the tiles that were written first, half of those that compiled code leaves."""
+        old = [key for key in [*self._reopened, *self._written] if not self._is_near(key)]
+        silent = [key for key in self._open if key not in self._written
+                  and key not in self._reopened and not self._is_near(key)]
+        for key in silent + old[:len(old) // 2]:
+            number = self._open.pop(key)
+            write = self._written.pop(key, 0) or self._reopened.pop(key, 0)
+            self._free.append(number)
+            self._last_closed = max(self._last_closed, write)
+            tile = self._tile_at(number)
+            if write or tile.changed.any():     # others were reserved only
+                self._closed[key] = _closed(write, tile.height, tile.compaction, tile.changed)
+
+    def _look_at(self, low: ArrayLike, high: ArrayLike) -> None:
+        """Move the index to tiles from `low` to before `high`, (2,) each."""
+        low, high = np.array(low), np.array(high)
+        index = np.full((high - low)[::-1], -1, np.int32)
+        self.near = self.near._replace(index=index, origin=low.astype(np.int64))
+        for key, number in self._open.items():
+            self._enter(key, number)
+
+    def _is_near(self, key: TileKey) -> bool:
+        rows, columns = self.near.index.shape
+        x, y = self.near.origin.tolist()
+        return x <= key[0] < x + columns and y <= key[1] < y + rows
+
     def _enter(self, key: TileKey, number: int) -> None:
-        """Enter a tile into the index, which grows where the tile lies beyond it."""
-        corner = np.array(key) - self.origin
-        size = self.index.shape[::-1]
-        if np.any(corner < 0) or np.any(corner >= size):
-            low = np.minimum(self.origin, np.array(key) - _MARGIN)
-            high = np.maximum(self.origin + size, np.array(key) + _MARGIN + 1)
-            index = np.full((high - low)[::-1], -1, np.int32)
-            x, y = self.origin - low
-            index[y:y + size[1], x:x + size[0]] = self.index
-            self.index, self.origin = index, low
-            corner = np.array(key) - low
-        self.index[corner[1], corner[0]] = number
+        """Enter an open tile into the index, if it lies there."""
+        if self._is_near(key):
+            x, y = self.near.origin.tolist()
+            self.near.index[key[1] - y, key[0] - x] = number
 
     def _interpolate(self, xy_m: ArrayLike, name: str) -> NDArray[np.float64]:
         grid = np.asarray(xy_m, dtype=float) / CELL_M
@@ -284,11 +385,40 @@ class Overlay:
         values = np.zeros(np.shape(ix))
         tx, ty = ix // TILE, iy // TILE
         for key in sorted(set(zip(np.ravel(tx).tolist(), np.ravel(ty).tolist()))):
-            tile = self._tile(key)
-            if tile is not None:
+            if key in self:
                 chosen = (tx == key[0]) & (ty == key[1])
-                values[chosen] = getattr(tile, name)[iy[chosen] % TILE, ix[chosen] % TILE]
+                values[chosen] = getattr(self._read(key), name)[iy[chosen] % TILE,
+                                                                ix[chosen] % TILE]
         return values
+
+
+_SHAPE = (3, TILE, TILE)
+_BITS = -(-math.prod(_SHAPE) // 8)
+_NO_TILE = _Tile(np.zeros(_SHAPE[1:], np.float32), np.zeros(_SHAPE[1:], np.float32),
+                 np.zeros(_SHAPE[1:], bool))
+
+
+def _closed(write: int, height: NDArray[np.float32], compaction: NDArray[np.float32],
+            changed: NDArray[np.bool_] = _NO_TILE.changed) -> bytes:
+    """Return a tile as bytes: number of its last write, what is not 0, and the values there."""
+    values = np.stack([height, compaction])
+    held = values.view(np.uint32) != 0
+    bits = np.packbits(np.concatenate([held, changed[None]]))
+    return write.to_bytes(_NUMBER, 'little') + bits.tobytes() + values[held].tobytes()
+
+
+def _opened(data: bytes) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
+    """Return height, compaction and what has changed of a tile, (TILE, TILE) each."""
+    bits = np.frombuffer(data, np.uint8, _BITS, _NUMBER)
+    held = np.unpackbits(bits, count=math.prod(_SHAPE)).reshape(_SHAPE).astype(bool)
+    values = np.zeros((2, TILE, TILE), np.float32)
+    values[held[:2]] = np.frombuffer(data, np.float32, offset=_NUMBER + _BITS)
+    return values[0], values[1], held[2]
+
+
+def _number(data: bytes) -> int:
+    """Return the number of the last write of a closed tile; 0: none."""
+    return int.from_bytes(data[:_NUMBER], 'little')
 
 
 _Piece = tuple[TileKey, tuple[slice, slice], tuple[slice, slice]]

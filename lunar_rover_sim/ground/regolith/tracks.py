@@ -19,10 +19,10 @@ import math
 
 import numpy as np
 
-from lunar_rover_sim.base.compiled import compiled, read_only
+from lunar_rover_sim.base.compiled import compiled
 from lunar_rover_sim.base.frames import Array
-from lunar_rover_sim.ground.regolith.law import ground_height
-from lunar_rover_sim.ground.regolith.overlay import CELL_M, Overlay, TILE
+from lunar_rover_sim.ground.regolith.law import height_on, Heights
+from lunar_rover_sim.ground.regolith.overlay import CELL_M, NearTiles, Overlay, TILE
 from lunar_rover_sim.ground.world.grid import HeightGrid
 
 RIM_RADII = 1.2         # width of a fresh rim, before it slides
@@ -60,8 +60,7 @@ def press(overlay: Overlay, ground: HeightGrid, start: Point, end: Point, radius
     tiles = overlay.reserve(ix, iy, nx, ny)
     pressed, overlay.residue_m = _press(
         ix, iy, nx, ny, *start, *end, radius_m, compacted, overlay.residue_m,
-        read_only(ground.heights_m, np.float32), ground.cell_m, overlay.index, overlay.origin,
-        overlay.samples, overlay.changed)
+        Heights.of(ground), overlay.near, overlay.changed)
     if pressed:
         overlay.note_writes(tiles)
     return ix, iy, nx, ny
@@ -89,7 +88,7 @@ def relax(overlay: Overlay, ground: HeightGrid, window: Window, repose_deg: floa
 def heights(ground: HeightGrid, ix: int, iy: int, nx: int, ny: int) -> Array:
     """Return the (ny, nx) heights [m] of the untouched ground on samples; NaN beyond it."""
     found = np.empty((ny, nx))
-    _heights(found, ix, iy, read_only(ground.heights_m, np.float32), ground.cell_m)
+    _heights(found, ix, iy, Heights.of(ground))
     return found
 
 
@@ -104,7 +103,8 @@ class WallSlides:
     """Windows of prints whose walls are to slide, per leg, and the step at which they do."""
 
     def __init__(self, ground: HeightGrid, repose_deg: float, step_s: float, legs: int) -> None:
-        self._ground, self._repose_deg = ground, repose_deg
+        self.ground = ground        # another one in another window
+        self._repose_deg = repose_deg
         self._delay = round(SLIDE_S / step_s)
         self._waiting: list[Window | None] = [None] * legs
         self._due = [0] * legs
@@ -146,35 +146,35 @@ class WallSlides:
         window = self._waiting[leg]
         if window is not None:
             ix, iy, nx, ny = window
-            relax(overlay, self._ground,
+            relax(overlay, self.ground,
                   (ix - SPREAD, iy - SPREAD, nx + 2 * SPREAD, ny + 2 * SPREAD), self._repose_deg)
             self._waiting[leg] = None
 
 
 @compiled
-def _heights(found: np.ndarray, ix: int, iy: int, grid: np.ndarray, cell_m: float) -> None:
+def _heights(found: np.ndarray, ix: int, iy: int, ground: Heights) -> None:
     for j in range(found.shape[0]):
         for i in range(found.shape[1]):
-            found[j, i] = ground_height((ix + i) * CELL_M, (iy + j) * CELL_M, grid, cell_m)
+            found[j, i] = height_on(ground, (ix + i) * CELL_M, (iy + j) * CELL_M)
 
 
 @compiled
 def _press(ix: int, iy: int, nx: int, ny: int, x: float, y: float, z: float, end_x: float,
            end_y: float, end_z: float, radius: float, compacted: float, residue: float,
-           grid: np.ndarray, cell_m: float, index: np.ndarray, origin: np.ndarray,
-           samples: np.ndarray, changed: np.ndarray) -> tuple[bool, float]:
+           ground: Heights, near: NearTiles, changed: np.ndarray) -> tuple[bool, float]:
     """Press a ball that goes from (x, y, z) to its end into a window, all tiles of which exist.
 
     Returns:
         Whether anything was pressed, and the residue of rounding [m].
     """
+    index, origin, samples = near.index, near.origin, near.samples
     way_x, way_y, way_z = end_x - x, end_y - y, end_z - z
     length = math.hypot(way_x, way_y)
     taken, weight = np.zeros((ny, nx)), np.zeros((ny, nx))
     taken_sum = weight_sum = 0.0
     for j in range(ny):
         for i in range(nx):
-            base = ground_height((ix + i) * CELL_M, (iy + j) * CELL_M, grid, cell_m)
+            base = height_on(ground, (ix + i) * CELL_M, (iy + j) * CELL_M)
             if math.isnan(base):    # beyond the ground there is nothing to press
                 continue
             # Offset from the nearest place on the way.

@@ -187,7 +187,7 @@ class TraverseDrive:
         self._back_up_periods = round(BACK_UP_S / self._period_s)
         self._next = 0                    # index of the waypoint ahead
         self._reached = self._stuck = self._tilted = 0
-        self._measurement = _Measurement(simulation, ground, self._period_s)
+        self._measurement = _Measurement(simulation, self._period_s)
         self._state = simulation.state
         self._waypoints = plan(self._state.position_m[:2])
         self._driver = self._make_driver()
@@ -271,10 +271,10 @@ class TraverseDrive:
 class _Measurement:
     """What a drive sums up, period by period."""
 
-    def __init__(self, simulation: Simulation, ground: HeightGrid, period_s: float) -> None:
+    def __init__(self, simulation: Simulation, period_s: float) -> None:
         self._simulation = simulation
         self._period_s = period_s
-        self._tips = TipPenetration(simulation, ground)
+        self._tips = TipPenetration(simulation)
         self._feet = SlipMeter(len(self._simulation.rover.legs.each))
         self._mechanical_j = self._electric_j = 0.0
         self._tilts_deg: list[float] = []

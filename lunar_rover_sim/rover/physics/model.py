@@ -129,11 +129,13 @@ def _add_ground(spec: mujoco.MjSpec, tiles: list[_Tile]) -> None:
     fields = ''.join(f"""
             <hfield name="ground_{k}" nrow="{tile.heights_m.shape[0]}"
                     ncol="{tile.heights_m.shape[1]}" size="{tile.half_m[0]!r} {tile.half_m[1]!r}
-                    {tile.elevation_m!r} {BASE_THICKNESS_M!r}"/>""" for k, tile in enumerate(tiles))
+                    {tile.elevation_m!r} {BASE_THICKNESS_M!r}"/>"""
+                     for k, tile in enumerate(tiles))
     geoms = ''.join(f"""
             <geom name="ground_{k}" type="hfield" hfield="ground_{k}"
                   pos="{tile.middle_m[0]!r} {tile.middle_m[1]!r} {tile.low_m!r}"
-                  contype="{GROUND_BIT}" conaffinity="0"/>""" for k, tile in enumerate(tiles))
+                  contype="{GROUND_BIT}" conaffinity="0"/>"""
+                    for k, tile in enumerate(tiles))
     ground = mujoco.MjSpec.from_string(
         f'<mujoco><asset>{fields}</asset><worldbody>{geoms}</worldbody></mujoco>')
     spec.attach(ground, prefix=WORLD_PREFIX, frame=spec.worldbody.add_frame())

@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 
 from lunar_rover_sim.base.frames import Array
-from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.rover.mjcf import tip_geom
 from lunar_rover_sim.rover.physics.simulation import Simulation
 
@@ -21,15 +20,18 @@ class TipPenetration:
     from the height of the ground.
     """
 
-    def __init__(self, simulation: Simulation, ground: HeightGrid) -> None:
+    def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self._ground = ground
-        model, legs = simulation.model, simulation.rover.legs
-        self._radius_m = legs.tip_radius_m
+        self._radius_m = simulation.rover.legs.tip_radius_m
+        self._find_tips()
+
+    def _find_tips(self) -> None:
+        """Find the geoms of the tips in the model, which is another one in another window."""
+        self._model, legs = self._simulation.model, self._simulation.rover.legs
         self._tips = np.array([
-            mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, tip_geom(leg, spoke))
+            mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_GEOM, tip_geom(leg, spoke))
             for leg in legs.names for spoke in range(legs.spokes)])
-        self._is_tip = np.zeros(model.ngeom, dtype=bool)
+        self._is_tip = np.zeros(self._model.ngeom, dtype=bool)
         self._is_tip[self._tips] = True
 
     def deepest_m(self) -> float:
@@ -37,6 +39,8 @@ class TipPenetration:
 
         It is 0 where no tip touches anything.
         """
+        if self._model is not self._simulation.model:
+            self._find_tips()
         contact = self._simulation.data.contact
         distance = contact.dist[self._is_tip[contact.geom].any(axis=1)]
         depth = -float(distance.min()) if len(distance) else 0.0
@@ -48,7 +52,7 @@ class TipPenetration:
         """Return the (n,) depth [m] of each tip in the ground, negative above it."""
         centre = self._simulation.data.geom_xpos[self._tips]
         around = centre[:, None, :2] + self._radius_m * _STENCIL
-        height = self._ground.height_at(around)
+        height = self._simulation.world.ground.height_at(around)
         slope = np.stack([height[:, 1] - height[:, 2], height[:, 3] - height[:, 4]], axis=-1)
         slope /= 2.0 * self._radius_m
         upright = 1.0 / np.sqrt(1.0 + np.sum(slope ** 2, axis=-1))

@@ -56,29 +56,17 @@ class Simulation(Closing):
         catch_warnings()
         self.rover = rover
         self.config = config
-        self._ground = world.ground
-        self._half_extent_m = world.ground.half_extent_m
-        self._model: mujoco.MjModel | None = build_model(world, rover, config)
-        self._data: mujoco.MjData | None = mujoco.MjData(self._model)
         self._gear = rover.motor.gear_ratio
-        model, data = self._model, self._data
-        self._base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
-        self._qpos, self._qvel = data.qpos, data.qvel
-        self._full = [data.warning[kind] for kind in _FULL]
         self._steps = 0
         self._state: RoverState
         self._soft_ground: SoftGround | None = None
-        if config.ground.deforms:
-            soil = config.ground.soil(config.gravity_mps2)
-            rows = set_soil(model, rover, soil, config.contact)
-            varies = config.ground.variation
-            self._soft_ground = SoftGround(model, data, rover, world.ground, soil, rows,
-                                           soil_map(world, varies) if varies else None)
         self._ground_contact: GroundContact | None = None
-        self._feet = FootObserver(rover, world.ground, config.gravity_mps2)
+        self._bind(world)
+        model, data = self.model, self.data
         place(model, data, world.ground, rover, config.start)
-        self._observer = Observer(model, data, rover, config.gravity_mps2)
+        self._observer.motion = data.qpos[3:7].copy(), np.zeros(3)
         self._settle()
+        self._start_world = world
         self._start = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, data, self._start, _STATE)
         self._start_state = self._state
@@ -86,6 +74,28 @@ class Simulation(Closing):
         self._start_contact = self._ground_contact
         if self._soft_ground is not None:
             self._soft_ground.keep_start()
+
+    def _bind(self, world: World) -> None:
+        """Compile the model of the rover on a world, and let everything work on it."""
+        rover, config, ground = self.rover, self.config, world.ground
+        self._world = world
+        model = build_model(world, rover, config)
+        data = mujoco.MjData(model)
+        self._model: mujoco.MjModel | None = model
+        self._data: mujoco.MjData | None = data
+        self._base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
+        self._qpos, self._qvel = data.qpos, data.qvel
+        self._full = [data.warning[kind] for kind in _FULL]
+        if config.ground.deforms:
+            soil, variation = config.ground.soil(config.gravity_mps2), config.ground.variation
+            rows = set_soil(model, rover, soil, config.contact)
+            varies = soil_map(world, variation) if variation else None
+            if self._soft_ground is None:
+                self._soft_ground = SoftGround(model, data, rover, ground, soil, rows, varies)
+            else:
+                self._soft_ground.enter(model, data, ground, varies)
+        self._feet = FootObserver(rover, ground, config.gravity_mps2)
+        self._observer = Observer(model, data, rover, config.gravity_mps2)
 
     def __repr__(self) -> str:
         if self._data is None:
@@ -116,6 +126,41 @@ class Simulation(Closing):
     def time_ns(self) -> int:
         """Time since the start [ns]."""
         return self._steps * self.config.step_ns
+
+    @property
+    def world(self) -> World:
+        """The window of the site on which the rover is now."""
+        return self._world
+
+    def enter(self, world: World) -> None:
+        """Go on in another window of the site; the motion is bit for bit that without.
+
+        Model and data are new ones then.
+
+        Raises:
+            PhysicsError: If the window does not hold the rover, or has other ground there.
+        """
+        x, y = self._qpos[:2].tolist()
+        here, there = (w.ground.height_at_point(x, y) for w in (self._world, world))
+        if here != there:
+            around = 'the window around (%g, %g) m' % world.ground.middle_m
+            raise PhysicsError(f'enter: {around} is not valid; its ground at the rover, x = '
+                               f'{x:.2f} m, y = {y:.2f} m, is at {there:g} m; valid is a window '
+                               f'of the same site that holds the rover, at {here:g} m')
+        self._continue_on(world)
+
+    def _continue_on(self, world: World) -> None:
+        model, before, motion = self.model, self.data, self._observer.motion
+        state = np.empty(mujoco.mj_stateSize(model, _STATE))
+        mujoco.mj_getState(model, before, state, _STATE)
+        self._bind(world)
+        mujoco.mj_setState(self.model, self.data, state, _STATE)
+        # What else is read of the data follows from the state. It changes the warm start.
+        mujoco.mj_forward(self.model, self.data)
+        mujoco.mj_setState(self.model, self.data, state, _STATE)
+        for old, new in zip(before.warning, self.data.warning):
+            new.number, new.lastinfo = old.number, old.lastinfo
+        self._observer.motion = motion
 
     def command(self, velocity_radps: ArrayLike) -> None:
         """Set the velocity setpoints of the motors, (legs,) [rad/s] in their order.
@@ -203,6 +248,8 @@ class Simulation(Closing):
     def reset(self) -> RoverState:
         """Go back to the settled start, at time 0, and return its state."""
         catch_warnings()
+        if self._world is not self._start_world:
+            self._bind(self._start_world)
         mujoco.mj_resetData(self.model, self.data)
         mujoco.mj_setState(self.model, self.data, self._start, _STATE)
         if self._soft_ground is not None:
@@ -225,8 +272,8 @@ class Simulation(Closing):
         """
         if self._soft_ground is not None:
             raise PhysicsError('move: the ground deforms; valid is rigid ground')
-        relocate(self.model, self.data, self._ground, position_m, orientation_wxyz, linear_mps,
-                 angular_radps)
+        relocate(self.model, self.data, self._world.ground, position_m, orientation_wxyz,
+                 linear_mps, angular_radps)
         self._observer.after_jump()
         quat = self._qpos[3:7].copy()
         self._state = dataclasses.replace(
@@ -261,11 +308,10 @@ class Simulation(Closing):
         if not self._qvel.dot(self._qvel) < MAX_SPEED ** 2 or self._is_full():
             raise PhysicsError(diagnosis(self.model, self.data, self.time_ns * 1e-9))
         x, y, _ = self._qpos[:3].tolist()
-        limit = self._half_extent_m
-        if not (abs(x) <= limit and abs(y) <= limit):
+        if not is_on(self._world.ground, x, y):
             raise GroundLeftError(f'at {self.time_ns * 1e-9:.3f} s base_link left the ground at'
                                   f' x = {x:.2f} m, y = {y:.2f} m; the ground ends at'
-                                  f' {limit:.2f} m')
+                                  f' {end_of(self._world.ground)}')
 
 
 logger = logging.getLogger(__name__)
@@ -308,6 +354,19 @@ def _take(text: str) -> None:
     logger.debug('MuJoCo: %s', line)
 
 
+def is_on(ground: HeightGrid, x: float, y: float) -> bool:
+    """Return whether a place in the frame of the site lies on a ground."""
+    (middle_x, middle_y), limit = ground.middle_m, ground.half_extent_m
+    return abs(x - middle_x) <= limit and abs(y - middle_y) <= limit
+
+
+def end_of(ground: HeightGrid) -> str:
+    """Return where a ground ends, in words."""
+    x, y = ground.middle_m
+    around = f' around x = {x:g} m, y = {y:g} m' if (x, y) != (0.0, 0.0) else ''
+    return f'{ground.half_extent_m:.2f} m{around}'
+
+
 # A pose that lies deeper in the ground is refused: contact would throw the rover out.
 MAX_DEPTH_M = 0.003
 MAX_GIVEN_SPEED = 10.0    # [m/s] and [rad/s]
@@ -335,9 +394,9 @@ def relocate(model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid,
                            'quaternion')
     qpos[3:7] /= norm
     x, y, z = qpos[:3].tolist()
-    if max(abs(x), abs(y)) > ground.half_extent_m:
+    if not is_on(ground, x, y):
         raise PhysicsError(f'position: x = {x:g} m, y = {y:g} m is not on the ground; it ends at '
-                           f'{ground.half_extent_m:g} m')
+                           f'{end_of(ground)}')
     if linear_mps is not None:
         qvel[:3] = _finite('linear velocity', linear_mps, 3)
     if angular_radps is not None:
@@ -380,10 +439,11 @@ def place(model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid, rover:
         ConfigError: If the start is not on the ground, or if there is no room for the rover.
     """
     limit = ground.half_extent_m - MARGIN_M
-    for name, value in (('start.x_m', start.x_m), ('start.y_m', start.y_m)):
-        if abs(value) > limit:
-            raise ConfigError(f'{name}: {value} is not valid; valid is -{limit:g} to {limit:g} [m]'
-                              ' on this world')
+    for name, value, middle in (('start.x_m', start.x_m, ground.middle_m[0]),
+                                ('start.y_m', start.y_m, ground.middle_m[1])):
+        if abs(value - middle) > limit:
+            raise ConfigError(f'{name}: {value} is not valid; valid is {middle - limit:g} to '
+                              f'{middle + limit:g} [m] on this world')
     rotation = _level_rotation(ground, rover, start)
     data.qpos[:3] = start.x_m, start.y_m, 0.0
     data.qpos[3:7] = wxyz_from_matrix(rotation)

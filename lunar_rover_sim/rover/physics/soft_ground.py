@@ -37,7 +37,10 @@ logger = logging.getLogger(__name__)
 DUG_IN_SPOKES = 0.7
 DEEPEST_SPOKES = 10.0   # a tip that is deeper, in lengths of a spoke, has diverged
 SLIDE_M = 0.02          # way slipped after which the walls of a rut slide
-_NO_MAP = np.zeros((1, 1), np.float32)
+GATHER_M = 1.5          # way after which the tracks around the rover are gathered again
+_AROUND_TIP_M = 0.2     # around a tip, within which it looks at the ground and changes it
+_FARTHEST_M = 1e6
+_NO_MAP = law.Heights(read_only(np.zeros((1, 1)), np.float32), 1.0, 0.0, 0.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,32 +66,53 @@ class SoftGround:
                  varies: SoilMap | None = None) -> None:
         self.overlay = Overlay()
         self.soil = soil
-        self._rover, self._ground = rover, ground
+        self._rover, self._rows = rover, rows
         self._step_s = float(model.opt.timestep)
         first_leg = int(model.geom_bodyid[rows.first_tip])
         legs = len(np.unique(model.geom_bodyid[rows.first_tip:rows.first_tip + 2 * rows.tips:2]))
         self._legs = _leg_records(model, first_leg, legs)
         self._tips = _tip_records(model, rows, first_leg)
+        self._bodies = slice(first_leg, first_leg + legs)
         self._soil = soil_record(soil, rover, self._step_s)
         self._slipped = np.zeros(legs)
-        # MuJoCo's arrays stay where they are; asking for them takes longer than a step of the law.
-        self._given = (data.qpos, data.qvel, self._legs, self._tips, self._soil,
-                       dig_table(soil.shape), DEEPEST,
-                       read_only(ground.heights_m, np.float32), ground.cell_m,
-                       read_only(_NO_MAP if varies is None else
-                                 varies.looseness.heights_m * varies.variation, np.float32),
-                       1.0 if varies is None else varies.looseness.cell_m)
-        self._moved = (data.mocap_pos, data.mocap_quat, model.pair_friction, model.pair_solref,
-                       model.pair_solreffriction, model.pair_solimp, self._slipped,
-                       data.cfrc_ext[first_leg:first_leg + legs], data.qfrc_actuator[6:6 + legs])
-        self._addresses = _mj_step(), model._address, data._address
         self._walls = WallSlides(ground, soil.repose_deg, self._step_s, legs)
         self._windows: list[Window | None] = [None] * rows.tips
         self._slid_at = np.zeros(rows.tips)     # way slipped when the walls of the rut slid
         self._count = self._observed = 0
         self._was_dug_in = False
         self._deep_m = DUG_IN_SPOKES * rover.legs.spoke_length_m
+        axles = np.array(rover.legs.axle_positions_m())
+        self._reach_m = float(np.linalg.norm(axles, axis=1).max()) + (
+            rover.legs.spoke_length_m + _AROUND_TIP_M)
         self._start: tuple[Overlay, np.ndarray] | None = None
+        self._bind(model, data, ground, varies)
+
+    def _bind(self, model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid,
+              varies: SoilMap | None) -> None:
+        """Work on a model of the rover in a window."""
+        self._ground = self._walls.ground = ground
+        bodies = self._bodies
+        # MuJoCo's arrays stay where they are; asking for them takes longer than a step of the law.
+        self._arrays = law.Mujoco(
+            data.qpos, data.qvel, data.mocap_pos, data.mocap_quat, model.pair_friction,
+            model.pair_solref, model.pair_solreffriction, model.pair_solimp,
+            data.cfrc_ext[bodies], data.qfrc_actuator[6:6 + bodies.stop - bodies.start])
+        self._given = (self._legs, self._tips, self._soil, dig_table(self.soil.shape), DEEPEST,
+                       law.Heights.of(ground), _NO_MAP if varies is None else varies.varied)
+        self._addresses = _mj_step(), model._address, data._address
+
+    def enter(self, model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid,
+              varies: SoilMap | None) -> None:
+        """Go on in another window: what tips, tracks and walls are stays.
+
+        Args:
+            model: Of the same rover, with the same soil.
+            data: Its state; the caller has written it, with the planes.
+        """
+        before = self._arrays
+        self._bind(model, data, ground, varies)
+        for name in ('pair_friction', 'pair_solref', 'pair_solreffriction', 'pair_solimp'):
+            getattr(self._arrays, name)[:] = getattr(before, name)
 
     def advance(self, steps: int, wrench: Array, torque: Array) -> None:
         """Make steps of soil and MuJoCo.
@@ -106,12 +130,23 @@ class SoftGround:
         while self._count < end:
             if self._count >= walls.next_step:
                 walls.slide_due(overlay, self._count)
+            self._gather()
             made, event = law.advance(
-                *self._addresses, int(min(end, walls.next_step)) - self._count, *self._given,
-                overlay.index, overlay.origin, overlay.samples, *self._moved, wrench, torque)
+                *self._addresses, int(min(end, walls.next_step)) - self._count, self._arrays,
+                *self._given, overlay.near, self._slipped, wrench, torque)
             self._count += made
             if event:
                 self._leave_prints()
+
+    def _gather(self) -> None:
+        """Have the tracks around the rover at hand, where it has gone on."""
+        x, y = self._arrays.qpos[:2].tolist()
+        at_x, at_y, way = self.overlay.near.centre.tolist()
+        if not math.isfinite(way) or max(abs(x - at_x), abs(y - at_y)) > way:
+            # A place that has diverged is left to the law.
+            within = max(abs(x), abs(y)) < _FARTHEST_M
+            self.overlay.gather(x if within else 0.0, y if within else 0.0, self._reach_m,
+                                GATHER_M if within else math.inf)
 
     def observe(self) -> GroundContact:
         """Return sinkage [m] and mean slip since the last call [m/s], per leg."""

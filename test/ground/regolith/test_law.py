@@ -15,10 +15,12 @@ from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.ground.regolith.resistive_force import (DEEPEST, dig_table, GENERIC,
                                                              POPPY_CLOSE, swept_bearing)
 from lunar_rover_sim.ground.regolith.soil import PRESETS
+from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.rover.physics.soft_ground import soil_record
 
 R, ZETA, STEP_S = ROVER.legs.tip_radius_m, 1.0e6, 0.001
 ROD = ROVER.legs.spoke_radius_m
+SAME = law.Heights(read_only(np.zeros((1, 1)), np.float32), 1.0, 0.0, 0.0)
 DEPTHS = (0.0005, 0.003, 0.008, 0.0095, 0.016, 0.03)
 
 
@@ -222,7 +224,8 @@ def test_a_tip_slips_with_the_speed_of_its_lowest_point_along_the_surface():
 def flat_ground(slope_x=0.0, slope_y=0.0):
     """Return a plane of 1 m, as the law takes it."""
     axis = np.linspace(-0.5, 0.5, 41)
-    return (slope_x * axis[None, :] + slope_y * axis[:, None]).astype(np.float32), 0.025
+    plane = (slope_x * axis[None, :] + slope_y * axis[:, None]).astype(np.float32)
+    return law.Heights.of(HeightGrid(plane, 0.025))
 
 
 def tip_at(x, y, z, **fields):
@@ -236,8 +239,8 @@ def tip_at(x, y, z, **fields):
 
 def let_yield(tip, soil, ground, overlay):
     """Make one step of the law."""
-    law.support(tip, soil, dig_table(GENERIC), DEEPEST, *ground, np.zeros((1, 1), np.float32),
-                1.0, overlay.index, overlay.origin, overlay.samples)
+    overlay.gather(0.0, 0.0, 0.5, 1.0)
+    law.support(tip, soil, dig_table(GENERIC), DEEPEST, ground, SAME, overlay.near)
 
 
 @pytest.mark.parametrize('seed', range(12))
@@ -354,11 +357,10 @@ def test_steps_move_the_planes_until_a_tip_leaves_something_to_be_done(rise, mad
     of_leg, of_motor = np.arange(12.0).reshape(2, 6), np.array([3.0, -4.0])
     overlay = Overlay()
     found = law.advance(
-        ctypes.cast(mj_step, ctypes.c_void_p).value, 123, 456, 3, qpos, qvel, legs, tips, soil,
-        dig_table(GENERIC), DEEPEST, read_only(flat_ground(*slope)[0], np.float32), 0.025,
-        read_only(np.zeros((1, 1)), np.float32), 1.0, overlay.index, overlay.origin,
-        overlay.samples, planes, turns, friction, solref, shear, solimp, slipped, of_leg,
-        of_motor, wrench, torque)
+        ctypes.cast(mj_step, ctypes.c_void_p).value, 123, 456, 3,
+        law.Mujoco(qpos, qvel, planes, turns, friction, solref, shear, solimp, of_leg, of_motor),
+        legs, tips, soil, dig_table(GENERIC), DEEPEST, flat_ground(*slope), SAME, overlay.near,
+        slipped, wrench, torque)
     assert found == (made, event is not None) and calls == [(123, 456)] * called
     np.testing.assert_array_equal(wrench, 1.0 + called * of_leg)
     np.testing.assert_array_equal(torque, 1.0 + called * of_motor)

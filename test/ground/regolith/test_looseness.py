@@ -6,7 +6,6 @@ import numpy as np
 from physics_scene import make_world, ROVER, simulate
 import pytest
 
-from lunar_rover_sim.base.compiled import read_only
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.ground.regolith.config import GroundConfig
 from lunar_rover_sim.ground.regolith.law import looseness_factors
@@ -21,8 +20,7 @@ SOIL = soil_record(PRESETS['highland'], ROVER, 0.001)[0]
 
 def factors(varies, x, y):
     """Return the factors on bearing and friction at a position, as the law has them."""
-    loose = read_only(varies.looseness.heights_m * varies.variation, np.float32)
-    return looseness_factors(x, y, loose, varies.looseness.cell_m, SOIL)
+    return looseness_factors(x, y, varies.varied, SOIL)
 
 
 def cratered(age):

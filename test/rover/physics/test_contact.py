@@ -134,7 +134,7 @@ def test_tips_stay_near_the_surface_of_rough_ground():
     """20 s here; `lunar_rover_sim validate traverse` reports it for minutes on many worlds."""
     world = make_world(rough_heights())
     with simulate(world) as simulation:
-        tips, deepest = TipPenetration(simulation, world.ground), []
+        tips, deepest = TipPenetration(simulation), []
         trot(simulation, 20.0, observe=lambda _: deepest.append(tips.deepest_m()))
         # It does touch down harder than it stands.
         assert 2.0 * WEIGHT_N / 4 / 2000.0 < max(deepest) < PENETRATION_BOUND_M
@@ -148,7 +148,7 @@ def test_no_foot_is_caught_in_the_ground_after_a_fall(quat, step_s):
     """A fall by nearly four lengths of a spoke, feet first or one foot first."""
     world = make_world()
     with simulate(world, step_s=step_s) as simulation:
-        tips, data = TipPenetration(simulation, world.ground), simulation.data
+        tips, data = TipPenetration(simulation), simulation.data
         data.qpos[2] += 0.3
         data.qpos[3:7] = quat
         deepest = 0.0
@@ -162,7 +162,7 @@ def test_no_foot_is_caught_in_the_ground_after_a_fall(quat, step_s):
 def test_penetration_is_that_of_the_tips_however_deep():
     world = make_world()
     with simulate(world) as simulation:
-        tips = TipPenetration(simulation, world.ground)
+        tips = TipPenetration(simulation)
         resting = tips.deepest_m()
         assert resting == pytest.approx(WEIGHT_N / 4 / 2000.0, rel=0.6)
         # Beyond a tip radius MuJoCo reports the way out to the side; below, the belly touches too.
@@ -235,7 +235,7 @@ def test_a_deep_tip_is_measured_square_to_the_slope(east, north):
     world = sloping_world(east, north)
     cosine = 1.0 / np.sqrt(1.0 + east**2 + north**2)
     with simulate(world, start=StartPose(settle_s=0.0)) as simulation:
-        tips, data, model = TipPenetration(simulation, world.ground), simulation.data, \
+        tips, data, model = TipPenetration(simulation), simulation.data, \
             simulation.model
         geoms = [g for g in range(model.ngeom) if '_tip_' in model.geom(g).name]
         assert len(geoms) == 12
@@ -253,7 +253,7 @@ def test_a_deep_tip_is_measured_square_to_the_slope(east, north):
 def test_nothing_touched_is_no_depth():
     world = sloping_world(0.0, 0.0)
     with simulate(world) as simulation:
-        tips = TipPenetration(simulation, world.ground)
+        tips = TipPenetration(simulation)
         simulation.data.qpos[2] += 0.5
         mujoco.mj_forward(simulation.model, simulation.data)
         assert simulation.data.ncon == 0 and tips.deepest_m() == 0.0
