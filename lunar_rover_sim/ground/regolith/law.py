@@ -251,8 +251,8 @@ def _changed(x: float, y: float, which: int, near: NearTiles) -> float:
         for i in range(2):
             tx, ty = (ix + i) // TILE, (iy + j) // TILE
             column, row = tx - near.origin[0], ty - near.origin[1]
-            if 0 <= column < near.index.shape[1] and 0 <= row < near.index.shape[0]:
-                tile = near.index[row, column]
+            if 0 <= column < near.slots.shape[1] and 0 <= row < near.slots.shape[0]:
+                tile = near.slots[row, column]
                 if tile >= 0:
                     weight = (u if i else 1.0 - u) * (v if j else 1.0 - v)
                     value += weight * near.samples[tile, which, iy + j - ty * TILE,

@@ -32,13 +32,13 @@ class NearTiles(NamedTuple):
     """The tiles around a place, for compiled code.
 
     Attributes:
-        index: (rows, columns) int32, which tile of `samples` lies where; -1: none.
+        slots: (rows, columns) int32, which tile of `samples` lies where; -1: none.
         origin: (2,) tx and ty of its first one.
         samples: (tiles, 2, TILE, TILE) float32, height change and compaction [m].
         centre: (3,) x and y of the place, and how far from it in x and y a rover may go [m].
     """
 
-    index: NDArray[np.int32]
+    slots: NDArray[np.int32]
     origin: NDArray[np.int64]
     samples: NDArray[np.float32]
     centre: NDArray[np.float64]
@@ -204,7 +204,7 @@ class Overlay:
         low = ix // TILE, iy // TILE
         high = (ix + nx - 1) // TILE + 1, (iy + ny - 1) // TILE + 1
         keys = [(tx, ty) for ty in range(low[1], high[1]) for tx in range(low[0], high[0])]
-        first, size = self.near.origin, self.near.index.shape[::-1]
+        first, size = self.near.origin, self.near.slots.shape[::-1]
         if np.any(low < first) or np.any(high > first + size):
             self._look_at(np.array(low) - _MARGIN, np.array(high) + _MARGIN)
         for key in keys:
@@ -351,23 +351,23 @@ class Overlay:
                 self._closed[key] = _closed(write, tile.height, tile.compaction, tile.changed)
 
     def _look_at(self, low: ArrayLike, high: ArrayLike) -> None:
-        """Move the index to tiles from `low` to before `high`, (2,) each."""
+        """Let compiled code see the tiles from `low` to before `high`, (2,) each."""
         low, high = np.array(low), np.array(high)
-        index = np.full((high - low)[::-1], -1, np.int32)
-        self.near = self.near._replace(index=index, origin=low.astype(np.int64))
+        slots = np.full((high - low)[::-1], -1, np.int32)
+        self.near = self.near._replace(slots=slots, origin=low.astype(np.int64))
         for key, number in self._open.items():
             self._enter(key, number)
 
     def _is_near(self, key: TileKey) -> bool:
-        rows, columns = self.near.index.shape
+        rows, columns = self.near.slots.shape
         x, y = self.near.origin.tolist()
         return x <= key[0] < x + columns and y <= key[1] < y + rows
 
     def _enter(self, key: TileKey, number: int) -> None:
-        """Enter an open tile into the index, if it lies there."""
+        """Let compiled code see an open tile, if it is near."""
         if self._is_near(key):
             x, y = self.near.origin.tolist()
-            self.near.index[key[1] - y, key[0] - x] = number
+            self.near.slots[key[1] - y, key[0] - x] = number
 
     def _interpolate(self, xy_m: ArrayLike, name: str) -> NDArray[np.float64]:
         grid = np.asarray(xy_m, dtype=float) / CELL_M

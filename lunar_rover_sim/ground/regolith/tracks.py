@@ -167,7 +167,7 @@ def _press(ix: int, iy: int, nx: int, ny: int, x: float, y: float, z: float, end
     Returns:
         Whether anything was pressed, and the residue of rounding [m].
     """
-    index, origin, samples = near.index, near.origin, near.samples
+    slots, origin, samples = near.slots, near.origin, near.samples
     way_x, way_y, way_z = end_x - x, end_y - y, end_z - z
     length = math.hypot(way_x, way_y)
     taken, weight = np.zeros((ny, nx)), np.zeros((ny, nx))
@@ -187,7 +187,7 @@ def _press(ix: int, iy: int, nx: int, ny: int, x: float, y: float, z: float, end
             clear = 1.0
             if distance < radius:
                 tx, ty = (ix + i) // TILE, (iy + j) // TILE
-                tile = index[ty - origin[1], tx - origin[0]]
+                tile = slots[ty - origin[1], tx - origin[0]]
                 surface = base + samples[tile, 0, iy + j - ty * TILE, ix + i - tx * TILE]
                 into = surface - (z + along * way_z
                                   - math.sqrt(radius * radius - distance * distance))
@@ -215,7 +215,7 @@ def _press(ix: int, iy: int, nx: int, ny: int, x: float, y: float, z: float, end
             if taken[j, i] == 0.0 and weight[j, i] == 0.0:
                 continue
             tx, ty = (ix + i) // TILE, (iy + j) // TILE
-            tile = index[ty - origin[1], tx - origin[0]]
+            tile = slots[ty - origin[1], tx - origin[0]]
             row, column = iy + j - ty * TILE, ix + i - tx * TILE
             change = samples[tile, 0, row, column] + (weight[j, i] * aside - taken[j, i])
             compaction = samples[tile, 1, row, column] + part * taken[j, i]

@@ -64,7 +64,7 @@ def test_memory_of_a_long_way_is_that_of_what_it_changed(few_open: None) -> None
     for k in range(2000):
         overlay.gather(0.5 * k, 0.0, 1.0, 1.0)
         put(overlay, (100 * k, -5), rng)
-    assert overlay.near.index.nbytes < 10_000 and len(overlay.near.samples) < 200
+    assert overlay.near.slots.nbytes < 10_000 and len(overlay.near.samples) < 200
     changed = len(overlay.snapshot())
     assert overlay.memory_bytes < 200 * 3600 + 8 * changed + 160 * 2 * 2000
     assert {key for key in overlay.tiles_since(0)} == {
@@ -82,11 +82,11 @@ def test_a_print_on_old_tracks_is_that_on_tracks_that_were_never_closed(few_open
         for k in range(away):
             put(overlay, (100 + 30 * k, 300), rng)
         overlay.gather(0.0, 0.0, 0.3, 0.5)
-        tile = overlay.near.index[-overlay.near.origin[1], -overlay.near.origin[0]]
+        tile = overlay.near.slots[-overlay.near.origin[1], -overlay.near.origin[0]]
         assert tile >= 0 and overlay.near.centre[2] == 0.5
         overlay.residue_m = 0.0
         press(overlay, ground, (0.0, 0.0, 0.006), (0.01, 0.0, 0.004), 0.008, 0.6)
         prints.append([values.tobytes() for values in overlay.window(-40, -40, 80, 80)])
-        size = overlay.near.index.shape[0] * TILE_M
+        size = overlay.near.slots.shape[0] * TILE_M
         assert 1.6 <= size <= 1.9
     assert prints[0] == prints[1]
