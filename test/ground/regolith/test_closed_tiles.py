@@ -1,4 +1,4 @@
-"""Old tiles are closed: less memory, the same bits, wherever they are read, written or gathered."""
+"""Old tiles are closed: less memory, the same bits, wherever they are read, written, gathered."""
 
 import numpy as np
 import pytest
