@@ -6,11 +6,11 @@ import synthetic_bag as synthetic
 from synthetic_ground import ground_items
 import trimesh
 
-from lunar_rover_sim.bag.ground_points import changes_of, ground_at, POINT
+from lunar_rover_sim.bag.ground_points import changes_of, ground_at, POINT, points_of
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import BagError, WorldError
-from lunar_rover_sim.ground.regolith.overlay import Overlay
+from lunar_rover_sim.ground.regolith.overlay import CELL_M, GroundChanges, Overlay
 from lunar_rover_sim.ground.regolith.patch import changed_patch, save_patch
 from lunar_rover_sim.ground.world.export import write as write_mesh
 from lunar_rover_sim.ground.world.grid import HeightGrid
@@ -87,5 +87,25 @@ def test_changes_beyond_the_ground_are_refused(walk):
     points = np.frombuffer(bytes(message.data), POINT).copy()
     points['y'][0] = 1e9
     message.data = np.frombuffer(points.tobytes(), np.uint8)
-    with pytest.raises(BagError, match=r'y = 1e\+09 m is beyond the ground, .* 10000 m$'):
+    with pytest.raises(BagError, match=r'y = 1e\+09 m is beyond the ground, .* 65000 m$'):
         changes_of(message)
+
+
+@pytest.mark.parametrize('middle_m', [0.0, 1234.5, -1_024.005, 8_191.99, -64_990.0])
+def test_samples_kilometres_away_are_found_exactly(middle_m):
+    """Each of 200,000 neighbours, in both axes; what lies between them is refused."""
+    k = np.arange(-100_000 if abs(middle_m) < 6e4 else -1000, 1000) + round(middle_m / CELL_M)
+    index = np.stack([k, k[::-1]], axis=-1).astype(np.int32)
+    heights = np.linspace(-0.01, 0.01, len(k), dtype=np.float32)
+    points = points_of(GroundChanges(index, heights, np.abs(heights)),
+                       HeightGrid(np.zeros((81, 81), np.float32), 0.025))
+    assert np.isfinite(points['z']).all()
+    message = synthetic.cloud(topics.GROUND_CHANGES, 10**8, 'odom', points).message
+    found = changes_of(message)
+    np.testing.assert_array_equal(found.index, index)
+    np.testing.assert_array_equal(found.height_m, heights)
+    points['x'][7] += 0.0024
+    message.data = np.frombuffer(points.tobytes(), np.uint8)
+    if abs(middle_m) < 1e4:
+        with pytest.raises(BagError, match='x is not a multiple of 5 mm'):
+            changes_of(message)
