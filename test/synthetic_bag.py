@@ -269,6 +269,14 @@ def frame_items(ns: int, scene: Scene, with_depth: bool = True) -> list[Item]:
             if with_depth or topic.rate != topics.DEPTH_FRAME]
 
 
+def window(ns: int, middle_m: tuple[float, float]) -> Item:
+    """Return the message that the rover is in a window of the site from a stamp on."""
+    x, y = middle_m
+    return item(topics.WORLD_WINDOW, msg('geometry_msgs/PointStamped',
+                                         header=header(ns, frames.ODOM_FRAME),
+                                         point=msg('geometry_msgs/Point', x=x, y=y, z=0.0)))
+
+
 def latched_items() -> list[Item]:
     """Return what is said once."""
     static = [transform(0, frames.BASE_FRAME, child, T)
@@ -279,6 +287,7 @@ def latched_items() -> list[Item]:
         (topics.SUN, msg('geometry_msgs/Vector3Stamped', header=header(0, frames.ODOM_FRAME),
                          vector=vector(frames.sun_direction(30.0, 10.0)))),
         (topics.WORLD_HASH, msg('std_msgs/String', data='ab' * 32)),
+        (topics.WORLD_WINDOW, window(0, (0.0, 0.0)).message),
         (topics.ROBOT_DESCRIPTION, msg('std_msgs/String', data='<robot name="rover"/>')),
         (topics.SCENARIO, msg('std_msgs/String', data=SCENARIO)),
         (topics.TF_STATIC, msg('tf2_msgs/TFMessage', transforms=static))]

@@ -237,6 +237,9 @@ SUN = Topic('sun', 'geometry_msgs/msg/Vector3Stamped', LATCHED, 'render_node', f
             'stamped with the time from which it holds')
 WORLD_HASH = Topic('world_hash', 'std_msgs/msg/String', LATCHED, 'physics_node', '',
                    'content hash of the world that physics collides with')
+WORLD_WINDOW = Topic('world/window', 'geometry_msgs/msg/PointStamped', LATCHED, 'physics_node',
+                     frames.ODOM_FRAME, 'x, y: middle of the window of the site in which the '
+                     'rover is; the stamp is that of the first state in it')
 ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', LATCHED, 'physics_node', '',
                           'URDF')
 SCENARIO = Topic('scenario', 'std_msgs/msg/String', LATCHED, 'recorder_node', '',
@@ -283,11 +286,11 @@ CONTRACT: tuple[Topic, ...] = (
     DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, LABELS, CRATERS,
     SHADOW, NORMALS, OPTICAL_FLOW, SCENE_FLOW, *OF_RIGHT, *OF_COLOURS, LABEL_INFO, BOXES,
     MISCALIBRATION, LABEL_CLASSES, VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD,
-    *OF_LIDAR, LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
-    RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TRAVERSABILITY, ELEVATION, GRID_MAP, PLAN,
-    GOAL, NAVIGATOR_STATUS, NAVIGATED)
+    *OF_LIDAR, LIDAR_SCANNED, SUN, WORLD_HASH, WORLD_WINDOW, ROBOT_DESCRIPTION, SCENARIO, TF,
+    TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TRAVERSABILITY, ELEVATION, GRID_MAP,
+    PLAN, GOAL, NAVIGATOR_STATUS, NAVIGATED)
 # Latched topics of what changes: sent again then, and none of it is to be lost.
-CHANGING: tuple[Topic, ...] = (SUN, NAVIGATOR_STATUS)
+CHANGING: tuple[Topic, ...] = (SUN, NAVIGATOR_STATUS, WORLD_WINDOW)
 # What the navigator reads; its users publish it.
 GOAL_POSE = Topic('goal_pose', 'geometry_msgs/msg/PoseStamped', EVENT, '')
 WAYPOINTS = Topic('waypoints', 'nav_msgs/msg/Path', EVENT, '')

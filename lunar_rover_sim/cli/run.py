@@ -12,7 +12,7 @@ import time
 import click
 
 from lunar_rover_sim.autonomy.path_following.config import SHAPES
-from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.errors import ConfigError, nearest
 from lunar_rover_sim.base.files.paths import config_path
 from lunar_rover_sim.base.parameters import replaced
 from lunar_rover_sim.cli import options
@@ -26,6 +26,28 @@ from lunar_rover_sim.run.recording import record, Recording
 from lunar_rover_sim.run.ros_domain import require_ros
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.run.shared_config import REAL_TIME
+
+_SHAPES = tuple(shape for shape in SHAPES if shape != 'none')
+
+
+def _route(text: str) -> str | list[tuple[float, float]]:
+    """Return the shape that a text names, or the places in a file; raise ConfigError otherwise."""
+    if text in _SHAPES:
+        return text
+    path = Path(text)
+    if not path.is_file():
+        raise ConfigError(f'--route: {text!r} is neither a shape nor a file; '
+                          f'{nearest(text, _SHAPES)}')
+    places = []
+    for number, line in enumerate(path.read_text(encoding='utf-8').splitlines(), 1):
+        if line.strip() and not line.startswith('#'):
+            try:
+                places.append(options.place(line))
+            except ConfigError as error:
+                raise ConfigError(f'--route: {path}, line {number}: {error}') from None
+    if not places:
+        raise ConfigError(f'--route: {path}: holds no place; valid are lines X,Y [m]')
+    return places
 
 
 @options.command(scenarios=True)
@@ -41,8 +63,9 @@ from lunar_rover_sim.run.shared_config import REAL_TIME
 @click.option('--goal', type=options.place, metavar='X,Y', help='drive there [m], by what the '
               'cameras see: mapping_node and navigator_node take the place of drive_node; the run '
               'ends when the rover has arrived or given up')
-@click.option('--route', type=options.Choice([shape for shape in SHAPES if shape != 'none']),
-              help='drive a ready-made route of the size drive_node.shape_size_m')
+@click.option('--route', type=_route, metavar='SHAPE | FILE', help='drive a ready-made route of '
+              f'the size drive_node.shape_size_m: {", ".join(_SHAPES)}; or, as to a --goal, '
+              'through the places of a file, one a line: X,Y [m]')
 @click.option('--avoid', is_flag=True, help='with --route: around obstacles, by what the cameras '
               'see, from one waypoint of it to the next')
 @click.option('--slam', metavar='COMMAND', help='SLAM program to feed, with its '
@@ -60,8 +83,8 @@ from lunar_rover_sim.run.shared_config import REAL_TIME
 @options.overrides(fast=True)
 def run(scenario: str, output: Path, duration: float | None, seed: int | None, real_time: bool,
         world: Path | None, domain: int | None, goal: tuple[float, float] | None,
-        route: str | None, avoid: bool, slam: str | None, view: int | None,
-        allow_origin: Sequence[str], teleop: bool,
+        route: str | list[tuple[float, float]] | None, avoid: bool, slam: str | None,
+        view: int | None, allow_origin: Sequence[str], teleop: bool,
         policy: str | None, max_bag_size: int | None, overrides: list[str]) -> int:
     """Simulate a scenario with all its nodes and record it to rosbag2."""
     options.not_both(goal=goal, route=route)
@@ -76,14 +99,17 @@ def run(scenario: str, output: Path, duration: float | None, seed: int | None, r
         chosen = without_node(chosen, 'drive_node')
     if policy:
         chosen = with_policy(chosen, policy)
-    if avoid and route is None:
-        raise ConfigError('--avoid: needs --route; a --goal is always driven to around obstacles')
+    if avoid and not isinstance(route, str):
+        raise ConfigError('--avoid: needs a shape of --route; a --goal and the places of a file '
+                          'are always driven to around obstacles')
     if goal is not None:
         chosen = with_navigator(chosen, [goal])
+    elif isinstance(route, list):
+        chosen = with_navigator(chosen, route)
     elif route is not None:
         chosen = with_route(chosen, route, avoid)
     if 'navigator_node' in chosen.run.nodes and duration is None \
-            and (goal is not None or avoid):
+            and (goal is not None or avoid or isinstance(route, list)):
         chosen = replaced(chosen, {'run.duration_s': navigated_duration_s(chosen)})
     if slam:
         chosen = with_slam(chosen, slam)
@@ -109,7 +135,7 @@ def run(scenario: str, output: Path, duration: float | None, seed: int | None, r
         try:
             recording = record(chosen, output, world=world, domain=domain,
                                should_stop=stop_request.is_made, on_start=start,
-                               on_progress=update, on_warning=say)
+                               on_progress=update, on_warning=say, on_way=display.way)
         finally:
             if page is not None:
                 page.stop()
@@ -156,6 +182,8 @@ class _Display:
         self._first: tuple[float, float] | None = None     # wall time, simulated time [s]
         self._frame_ns: int | None = None
         self._duration_s = 0.0
+        self._way: tuple[float, float] | None = None
+        self._by_way = False
 
     def start(self, scenario: Scenario, domain: int) -> None:
         """Name the run."""
@@ -165,8 +193,12 @@ class _Display:
         if scenario.render_node.lockstep:   # in real time, frames may be left out
             self._frame_ns = scenario.render_node.frame_period_ns
 
+    def way(self, driven_m: float, left_m: float) -> None:
+        """Show from now on how far the rover has come [m], and how far it is to the goal."""
+        self._way = driven_m, left_m
+
     def update(self, now_ns: int) -> None:
-        """Show the simulated time [ns]."""
+        """Show the simulated time [ns], or the way where that is known."""
         if not now_ns:
             return
         now_s, wall_s, note = now_ns / 1e9, time.monotonic(), ''
@@ -177,7 +209,15 @@ class _Display:
             note = f'RTF {(now_s - self._first[1]) / (wall_s - self._first[0]):.2f}'
             if self._frame_ns is not None:
                 note += f', {now_ns // self._frame_ns} frames'
-        self._progress(now_s, note=note)
+        if self._way is None:
+            self._progress(now_s, note=note)
+            return
+        driven_m, left_m = self._way
+        if not self._by_way:
+            self._by_way = True
+            self._progress.start('driving', driven_m + left_m, 'm')
+        # Ways around obstacles make the whole longer.
+        self._progress(driven_m, driven_m + left_m, f'{now_s:.0f} s{", " if note else ""}{note}')
 
 
 def _print_summary(recording: Recording) -> None:

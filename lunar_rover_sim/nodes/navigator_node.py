@@ -31,8 +31,10 @@ from lunar_rover_sim.nodes.pose_source import PoseSource
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import NavigatorNodeConfig
+from lunar_rover_sim.run.node_state import NodeState, ON_THE_WAY, tell
 
 _KEPT_MAPS = 50
+_WAY_STEP_M = 0.1       # a walking body sways: shorter moves are no way
 
 
 class NavigatorNode(node_main.GraphNode):
@@ -89,6 +91,8 @@ class NavigatorNode(node_main.GraphNode):
         self._due.clear()
         self._navigator.reset()
         self._status, self._plan, self._goals = None, None, ()
+        self._place: Array | None = None
+        self._driven_m, self._told_s = 0.0, -1
         self._is_done = False
 
     # Input
@@ -222,6 +226,7 @@ class NavigatorNode(node_main.GraphNode):
             self._outputs[topics.NAVIGATOR_STATUS].publish(_status(command, stamp))
             if command.failure is not None:
                 self.get_logger().warning(f'gave up at {now_ns / 1e9:.2f} s: {command.reason}')
+        self._tell_way(T, now_ns)
         if self._action is not None:
             left_m = self._navigator.left_m(T[:3, 3])
             self._action.tell(Progress(
@@ -234,6 +239,20 @@ class NavigatorNode(node_main.GraphNode):
                 end = now_ns + round(self._config.end_after_s * 1e9)
                 end = -(-end // NS_PER_S) * NS_PER_S
                 self._outputs[topics.NAVIGATED].publish(Header(stamp=conversions.time_msg(end)))
+
+    def _tell_way(self, T: Array, now_ns: int) -> None:
+        """Tell the supervisor of a run now and then how far it has driven, and how far it is."""
+        if not np.isfinite(T).all():
+            return
+        place = T[:2, 3]
+        if self._place is None or np.linalg.norm(place - self._place) > _WAY_STEP_M:
+            self._driven_m += (0.0 if self._place is None
+                               else float(np.linalg.norm(place - self._place)))
+            self._place = place
+        if now_ns // NS_PER_S != self._told_s:
+            self._told_s = now_ns // NS_PER_S
+            tell(NodeState(ON_THE_WAY, driven_m=self._driven_m,
+                           left_m=self._navigator.left_m(T[:3, 3])))
 
 
 def _status(command: NavigatorCommand, stamp: Any) -> DiagnosticArray:

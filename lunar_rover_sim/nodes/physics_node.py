@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from geometry_msgs.msg import PointStamped
 import numpy as np
+from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
@@ -32,6 +34,7 @@ from lunar_rover_sim.sensors.imu import Imu, ImuNoise
 from lunar_rover_sim.sensors.registry import mounted
 from lunar_rover_sim.sensors.sensor import Platform
 
+_WINDOW_S = 5.0     # wall time that a reader may take to receive a message
 # Services are called in between.
 _MAX_STATES_PER_CALLBACK = 20
 
@@ -51,8 +54,8 @@ class PhysicsNode(node_main.GraphNode):
 
         self._publisher = StatePublisher(self, rover, self._imu_noise(), config)
         self._ground = (None if self._simulation.overlay is None else GroundPublisher(
-            self, self._simulation.overlay, world.ground, config.ground_period_ns,
-            topics.GROUND_CHANGES.frame(config.separate_truth)))
+            self, self._simulation.overlay, lambda: self._simulation.world.ground,
+            config.ground_period_ns, topics.GROUND_CHANGES.frame(config.separate_truth)))
         changes = [] if self._ground is None else [self._ground.changes]
         self._platform = platform = Platform(self._simulation, world, config.sun, config.seed,
                                              1e-9 * config.state_period_ns)
@@ -64,6 +67,10 @@ class PhysicsNode(node_main.GraphNode):
             tuple(dict.fromkeys([*config.wait.topics, *config.participants])))
         self._latched_publishers = [self._latch(topics.WORLD_HASH, world.hash),
                                     self._latch(topics.ROBOT_DESCRIPTION, urdf(rover))]
+        self._window = world
+        self._window_publisher = self.create_publisher(
+            PointStamped, topics.WORLD_WINDOW.name, qos.offered(topics.WORLD_WINDOW))
+        self._publish_window(0)
 
         # Where others wait for somebody too, the gait controller does, for cmd_vel.
         relays = ([topics.JOINT_COMMANDS.name]
@@ -145,6 +152,23 @@ class PhysicsNode(node_main.GraphNode):
         publisher.publish(String(data=text))
         return publisher
 
+    def _publish_window(self, stamp_ns: int) -> None:
+        """Tell in which window of the site the rover is from a stamp on.
+
+        In lockstep this waits until all readers have the message: they then enter the window
+        before they use the state of that stamp.
+        """
+        x, y = self._window.ground.middle_m
+        message = PointStamped()
+        message.header.frame_id = topics.WORLD_WINDOW.frame(self._config.separate_truth)
+        message.header.stamp = conversions.time_msg(stamp_ns)
+        message.point.x, message.point.y = x, y
+        self._window_publisher.publish(message)
+        if stamp_ns and self._config.lockstep and not self._window_publisher.wait_for_all_acked(
+                Duration(seconds=_WINDOW_S)):
+            self.get_logger().warning(f'{topics.WORLD_WINDOW.name}: a reader has not received it '
+                                      f'in {_WINDOW_S:g} s')
+
     # Time
 
     def _advance_while_open(self) -> None:
@@ -179,6 +203,9 @@ class PhysicsNode(node_main.GraphNode):
     def _advance(self) -> RoverState:
         state = self._simulation.advance(self._steps)
         self._now_ns += self._config.state_period_ns
+        if self._simulation.world is not self._window:
+            self._window = self._simulation.world
+            self._publish_window(self._now_ns)
         if self._ground is not None:
             self._ground.publish(self._now_ns)
         self._requested.publish(state, self._now_ns)

@@ -22,7 +22,7 @@ from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.parameters import nearest
 from lunar_rover_sim.base.topics import CHANGING, DEPTH_FRAME, EVENT, FRAME, LATCHED, SCAN, Topic
 
-STATE_DEPTH = 1000
+STATE_DEPTH = 4000      # 20 s of states: those who wait for rare images lag by some of them
 FRAME_DEPTH = 10
 COMMAND_DEPTH = 10
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -131,12 +131,12 @@ class GroundPublisher:
     are absolute, so it then has the ground exactly.
     """
 
-    def __init__(self, node: GraphNode, overlay: Overlay, ground: HeightGrid,
-                 period_ns: int, frame_id: str) -> None:
+    def __init__(self, node: GraphNode, overlay: Overlay,
+                 ground: Callable[[], HeightGrid], period_ns: int, frame_id: str) -> None:
         """Publish the first snapshot: the ground at the start.
 
         Args:
-            ground: The untouched one.
+            ground: Returns the untouched one around the rover.
             frame_id: Of the clouds.
         """
         self._overlay, self._ground, self._period_ns = overlay, ground, period_ns
@@ -166,5 +166,5 @@ class GroundPublisher:
 
     def _send(self, publisher: Publisher, changes: GroundChanges) -> None:
         publisher.publish(image_conversions.cloud(
-            points_of(changes, self._ground), self._frame_id,
+            points_of(changes, self._ground()), self._frame_id,
             conversions.time_msg(self._now_ns)))

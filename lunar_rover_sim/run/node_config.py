@@ -42,7 +42,7 @@ class PacedConfig(Parameters):
         for name in ('rate_hz', 'frame_rate_hz'):
             rate_hz = getattr(self, name, 1)
             if US_PER_S % rate_hz:
-                raise ConfigError(f'{name}: {rate_hz} is not valid; valid is a divisor of '
+                raise ConfigError(f'{name}: {rate_hz:g} is not valid; valid is a divisor of '
                                   'physics_node.state_rate_hz, such as 5, 10, 20, 25 or 40')
 
 
@@ -75,8 +75,8 @@ class PhysicsNodeConfig(SensorsConfig, NodeConfig, PhysicsConfig):
     wait: WaitConfig = group(WaitConfig)
     state_rate_hz: int = param(200, 'rate of state messages; its period is a whole number of '
                                'steps', unit='Hz', low=1, high=1000)
-    ground_rate_hz: int = param(10, 'rate of ground/changes where ground.model is regolith; a run '
-                                'sets that of the frames', unit='Hz', low=1, high=200)
+    ground_rate_hz: float = param(10.0, 'rate of ground/changes where ground.model is regolith; a '
+                                  'run sets that of the frames', unit='Hz', low=0.1, high=200.0)
     real_time_factor: float = param(1.0, 'simulated time per wall time in time_mode real_time',
                                     low=0.01, high=100.0)
     duration_s: float = param(0.0, 'simulated time after which the node ends; 0 for never',
@@ -113,7 +113,7 @@ class PhysicsNodeConfig(SensorsConfig, NodeConfig, PhysicsConfig):
     @property
     def ground_period_ns(self) -> int:
         """The period of ground/changes [ns]."""
-        return NS_PER_S // self.ground_rate_hz
+        return round(NS_PER_S / self.ground_rate_hz)
 
     def validate(self) -> None:
         """Raise ConfigError unless state messages fall on steps, and what is slower on states."""
@@ -122,7 +122,7 @@ class PhysicsNodeConfig(SensorsConfig, NodeConfig, PhysicsConfig):
             raise ConfigError(f'state_rate_hz: {self.state_rate_hz} is not valid; valid is a rate '
                               f'whose period is a multiple of step_s = {self.step_s:g} s')
         if self.ground.deforms and self.state_rate_hz % self.ground_rate_hz:
-            raise ConfigError(f'ground_rate_hz: {self.ground_rate_hz} is not valid; valid is a '
+            raise ConfigError(f'ground_rate_hz: {self.ground_rate_hz:g} is not valid; valid is a '
                               f'divisor of state_rate_hz = {self.state_rate_hz}')
         for sensor in SENSORS:
             config = getattr(self, sensor.name, None)
@@ -201,9 +201,10 @@ class RenderNodeConfig(PacedConfig, NodeConfig, RenderConfig):
     stereo: StereoTopicsConfig = group(StereoTopicsConfig)
     chase: ChaseConfig = group(ChaseConfig)
     hazard: Named[HazardConfig] = named(HazardConfig)
-    frame_rate_hz: int = param(20, 'stereo pairs per second; its period is a whole number of '
-                               'state periods. A walking body pitches: at 10 Hz trackers lose it',
-                               unit='Hz', low=1, high=200, live=True)
+    frame_rate_hz: float = param(20.0, 'stereo pairs per second; its period is a whole number of '
+                                 'state periods. A walking body pitches: at 10 Hz trackers lose '
+                                 'it; missions take 0.25 to 2 a second', unit='Hz', low=0.1,
+                                 high=200.0, live=True)
     depth_every: int = param(2, 'matching (disparity, depth, points) and true depth are made of '
                              'every n-th frame, for those who read them; 1: of every frame',
                              unit='frames', low=1, high=200, live=True)
@@ -216,7 +217,7 @@ class RenderNodeConfig(PacedConfig, NodeConfig, RenderConfig):
     @property
     def frame_period_ns(self) -> int:
         """The period of stereo pairs [ns]."""
-        return NS_PER_S // self.frame_rate_hz
+        return round(NS_PER_S / self.frame_rate_hz)
 
     @property
     def depth_period_ns(self) -> int:
@@ -237,7 +238,7 @@ class RenderNodeConfig(PacedConfig, NodeConfig, RenderConfig):
         for camera in self.cameras:
             if self.frame_rate_hz % camera.rate_hz:
                 raise ConfigError(f'{camera.name}.rate_hz: {camera.rate_hz} is not valid; valid '
-                                  f'is a divisor of frame_rate_hz = {self.frame_rate_hz}')
+                                  f'is a divisor of frame_rate_hz = {self.frame_rate_hz:g}')
         names = [frame for camera in self.cameras for _, frame, _ in camera.frames]
         twice = sorted({frame for frame in names if names.count(frame) > 1})
         if twice:
@@ -301,8 +302,8 @@ class SlamNodeConfig(NodeConfig):
                             unit='s', low=0.1, high=3600.0)
     camera: CameraConfig = group(CameraConfig)
     imu: ImuConfig = group(ImuConfig)
-    frame_rate_hz: int = param(20, 'of the images; a run sets it, and camera, imu and '
-                               'imu_rate_hz', unit='Hz', low=1, high=200)
+    frame_rate_hz: float = param(20.0, 'of the images; a run sets it, and camera, imu and '
+                                 'imu_rate_hz', unit='Hz', low=0.1, high=200.0)
     imu_rate_hz: int = param(200, 'of the IMU', unit='Hz', low=1, high=1000)
     gravity_mps2: float = param(MOON_MPS2, 'that the IMU feels; a run sets it', unit='m/s^2',
                                 low=0.0, high=30.0)

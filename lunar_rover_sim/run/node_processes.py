@@ -142,6 +142,14 @@ class NodeProcesses:
                     return state.text
         return ''
 
+    def way_m(self) -> tuple[float, float] | None:
+        """Return how far the navigator has driven and how far it is to its goal; None: unknown."""
+        states = self._states.get('navigator_node')
+        if states is None:
+            return None
+        states.read()
+        return None if states.way is None else (states.way.driven_m, states.way.left_m)
+
     def measure(self) -> None:
         """Update `cpu_s`."""
         for name, process in self._processes.items():

@@ -12,7 +12,7 @@ import os
 import sys
 
 VARIABLE = 'LUNAR_ROVER_STATE_FD'
-READY, WAITING, FATAL = 'ready', 'waiting', 'fatal'
+READY, WAITING, FATAL, ON_THE_WAY = 'ready', 'waiting', 'fatal', 'on the way'
 PUBLISHERS, ANSWERS = 'publishers', 'answers'
 _MOST_BYTES = 4000      # a pipe takes so many at once or none (PIPE_BUF)
 
@@ -22,16 +22,19 @@ class NodeState:
     """One state.
 
     Attributes:
-        state: READY, WAITING or FATAL.
+        state: READY, WAITING, FATAL or ON_THE_WAY.
         text: The words for people.
         awaits: What is waited for, PUBLISHERS or ANSWERS; '' where nothing is missing.
         at_ns: Simulated time at which time stands still for it [ns]; -1 where none does.
+        driven_m, left_m: ON_THE_WAY: how far the rover has come, and how far it is to its goal.
     """
 
     state: str
     text: str = ''
     awaits: str = ''
     at_ns: int = -1
+    driven_m: float = 0.0
+    left_m: float = 0.0
 
 
 def is_supervised() -> bool:
@@ -64,7 +67,8 @@ class StateReader:
     """The supervisor's end of the pipe of one node.
 
     Attributes:
-        told: The states so far, after `read`.
+        told: The states so far, after `read`, but for ON_THE_WAY.
+        way: The newest state ON_THE_WAY; None before the first.
     """
 
     def __init__(self) -> None:
@@ -73,6 +77,7 @@ class StateReader:
         os.set_blocking(self._writer, False)
         self._rest = b''
         self.told: list[NodeState] = []
+        self.way: NodeState | None = None
 
     @property
     def writer(self) -> int:
@@ -94,7 +99,11 @@ class StateReader:
                 break
             *lines, self._rest = (self._rest + chunk).split(b'\n')
             for line in lines:
-                self.told.append(NodeState(**json.loads(line)))
+                state = NodeState(**json.loads(line))
+                if state.state == ON_THE_WAY:
+                    self.way = state
+                else:
+                    self.told.append(state)
         return self.told
 
     def close(self) -> None:

@@ -187,7 +187,8 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
            should_stop: Callable[[], bool] = lambda: False,
            on_start: Callable[[Scenario, int], None] = lambda _scenario, _domain: None,
            on_progress: Callable[[int], None] = lambda _now_ns: None,
-           on_warning: Callable[[str], None] = lambda _text: None) -> Recording:
+           on_warning: Callable[[str], None] = lambda _text: None,
+           on_way: Callable[[float, float], None] = lambda _driven_m, _left_m: None) -> Recording:
     """Run the nodes of a scenario as processes until its end; return what they recorded.
 
     ROS runs in the node processes only. KeyboardInterrupt stops the nodes in order, so that the
@@ -202,6 +203,7 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
         on_start: Called with the resolved scenario and the ROS_DOMAIN_ID before the nodes start.
         on_progress: Called ten times a second with the simulated time [ns].
         on_warning: Called with every line of level WARN or worse that a node logs.
+        on_way: Called, in a run with a navigator, with the way driven and that to the goal [m].
 
     Raises:
         ConfigError: If an argument is not valid, or `folder` exists or cannot be written.
@@ -249,6 +251,8 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
         nonlocal now_ns
         now_ns = time_ns
         report(logs)
+        if (way := nodes.way_m()) is not None:
+            on_way(*way)
         on_progress(time_ns)
 
     def report(logs: NodeLogs) -> None:
@@ -303,8 +307,8 @@ def missing_frames(scenario: Scenario, counts: Mapping[str, int],
     if scenario.render_node.lockstep or recorded is None or recorded >= meant - 1:
         return []
     return [f'render_node: {recorded} of {meant} stereo pairs were drawn and recorded, '
-            f'{recorded / simulated_s:.1f} of {scenario.render_node.frame_rate_hz} a second: this '
-            'machine is too slow for them in real time']
+            f'{recorded / simulated_s:.1f} of {scenario.render_node.frame_rate_hz:g} a second: '
+            'this machine is too slow for them in real time']
 
 
 def _check_topics(listed: tuple[str, ...], counts: dict[str, int]) -> None:

@@ -287,7 +287,7 @@ def _check_rates(scenario: Scenario) -> None:
                           *([('navigator_node.rate_hz', scenario.navigator_node.rate_hz)]
                             if 'navigator_node' in scenario.run.nodes else [])):
         if state_hz % rate_hz:
-            raise ConfigError(f'{name}: {rate_hz} is not valid; valid is a divisor of '
+            raise ConfigError(f'{name}: {rate_hz:g} is not valid; valid is a divisor of '
                               f'physics_node.state_rate_hz = {state_hz}')
 
 

@@ -315,7 +315,7 @@ def test_light_exposure_and_rates_change_while_it_runs(peer: Peer, world_folder:
         assert list(exposures[-1].position) == [0.004, 0.004]
         assert put(sensor__exposure_s=0.002) == [(True, '')]
         assert brightness() == pytest.approx(before, rel=0.1)
-        assert put(sun__elevation_deg=40.0, frame_rate_hz=10) == [(True, ''), (True, '')]
+        assert put(sun__elevation_deg=40.0, frame_rate_hz=10.0) == [(True, ''), (True, '')]
         peer.spin_until(lambda: len(suns) > 1)
         assert suns[-1].vector.z == pytest.approx(np.sin(np.radians(40.0)))
         wait_until(lambda: brightness() > 1.5 * before)     # it is computed beside the drawing

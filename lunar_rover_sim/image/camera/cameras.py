@@ -85,7 +85,7 @@ class CameraEntry:
     name: str
     config: FurtherCameraConfig
     outputs: tuple[Output, ...]
-    rate_hz: int
+    rate_hz: float
     baseline_m: float | None = 0.0
     frames: tuple[tuple[str, str, Array], ...] = ()
     mount: Callable[[World, float], Mount] | None = None
@@ -109,9 +109,9 @@ class CameraEntry:
         return int(np.random.SeedSequence([seed, *name.encode()]).generate_state(1)[0]) >> 1
 
 
-def stereo_pair(config: FurtherCameraConfig, rate_hz: int, depth_every: int) -> CameraEntry:
+def stereo_pair(config: FurtherCameraConfig, rate_hz: float, depth_every: int) -> CameraEntry:
     """Return the entry of the stereo pair; depth_every: frames from one with depth to the next."""
-    period_ns = NS_PER_S // rate_hz
+    period_ns = round(NS_PER_S / rate_hz)
     outputs = tuple(
         Output(topic, layers, period_ns * (depth_every if topic.rate == topics.DEPTH_FRAME else 1),
                side=int(topic is topics.RIGHT_INFO), always=topic in _ALWAYS)

@@ -102,7 +102,8 @@ def _accel(m: Any) -> tuple[float, ...]:
 _SIGNALS: dict[str, Callable[[Any], tuple[float, ...]]] = {
     topics.ODOM.name: odometry_row, topics.TRUE_ODOM.name: odometry_row,
     topics.IMU_TRUTH.name: _imu, topics.IMU_RAW.name: _imu,
-    topics.IMU_BIAS.name: _accel}
+    topics.IMU_BIAS.name: _accel,
+    topics.WORLD_WINDOW.name: lambda m: (m.point.x, m.point.y)}
 
 
 def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -> BagScan:

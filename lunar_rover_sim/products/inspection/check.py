@@ -163,7 +163,8 @@ def _check(rover: RoverData, report: CheckReport) -> None:
     for one in (rates, duration, message_checks.contract_topics, message_checks.counts,
                 message_checks.commands,
                 message_checks.stamps, message_checks.stereo_sets, message_checks.contents,
-                message_checks.world_hash, message_checks.ground, checks.scans,
+                message_checks.world_hash, message_checks.windows,
+                message_checks.ground, checks.scans,
                 checks.imu_and_odometry, checks.imu_noise, checks.calibration,
                 checks.disparity_and_depth, checks.hazards, tracking.tracking):
         one(rover, report)

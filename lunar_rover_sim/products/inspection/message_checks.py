@@ -16,6 +16,7 @@ from lunar_rover_sim.base.files.yaml_text import read_yaml
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.base.topics import DEPTH_FRAME, EVENT, FRAME, LATCHED, STATE, Topic
 from lunar_rover_sim.ground.regolith.config import REGOLITH
+from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.products.inspection.bag_scan import TopicScan
 from lunar_rover_sim.products.inspection.report import CheckReport, grouped, Status
 from lunar_rover_sim.products.inspection.rover_data import DEPTH_SET, IMAGE_SET, RoverData
@@ -23,11 +24,12 @@ from lunar_rover_sim.run.publication import is_recorded, unpublished
 from lunar_rover_sim.sensors.registry import sensor_of
 
 # Velocity commands come at the pace of their publisher; recordings of earlier versions lack the
-# CameraInfo of the depth image and the exposure; slam_node, lidar_node, mapping_node and
-# navigator_node take part on request.
+# CameraInfo of the depth image, the exposure and the window; slam_node, lidar_node, mapping_node
+# and navigator_node take part on request.
 OPTIONAL = tuple(topic.name for topic in (
     *topics.OF_VISION, topics.CMD_VEL, topics.DEPTH_INFO, topics.EXPOSURE, topics.SLAM_STATUS,
-    topics.LIDAR_SCANNED, topics.TRAVERSABILITY, topics.NAVIGATOR_STATUS, topics.MISCALIBRATION))
+    topics.LIDAR_SCANNED, topics.TRAVERSABILITY, topics.NAVIGATOR_STATUS, topics.MISCALIBRATION,
+    topics.WORLD_WINDOW))
 _MAX_BYTES = 1 << 20     # of world.yaml
 _VOLUME_M = 1e-5    # sum over all samples that rounding to float32 may leave
 
@@ -188,6 +190,27 @@ def ground(rover: RoverData, report: CheckReport) -> None:
     report.verdict('ground changes', problems,
                    f'{len(rover.scan.ground.snapshot())} samples, no soil made or lost',
                    Status.WARN if rover.real_time else Status.FAIL)
+
+
+def windows(rover: RoverData, report: CheckReport) -> None:
+    """The rover is in the window of the site that is told, and each begins with a state."""
+    stamps_ns, middles_m = rover.scan.signal(topics.WORLD_WINDOW)
+    odom_ns, odom = rover.scan.signal(rover.scan.truth)
+    if not len(stamps_ns) or not len(odom_ns):
+        return
+    problems = [f'no state at {ns / NS_PER_S:.3f} s, when a window begins'
+                for ns in np.setdiff1d(stamps_ns[stamps_ns > 0], odom_ns)[:1]]
+    of_state = np.searchsorted(stamps_ns, odom_ns, side='right') - 1
+    known = of_state >= 0
+    apart_m = np.abs(odom[known, :2] - middles_m[of_state[known]]).max(axis=1, initial=0.0)
+    half_m = 0.5 * rover.scenario.number('world', 'size_m', WorldConfig().size_m)
+    if not known.all():
+        problems.append(f'{int((~known).sum())} states before the first window')
+    if (apart_m > half_m).any():
+        at_s = odom_ns[known][int(np.argmax(apart_m > half_m))] / NS_PER_S
+        problems.append(f'the rover is outside its window at {at_s:.3f} s')
+    report.verdict('windows', problems, f'{len(stamps_ns)}; the rover at most '
+                   f'{apart_m.max(initial=0.0):.1f} m from the middle')
 
 
 def world_hash(rover: RoverData, report: CheckReport) -> None:
