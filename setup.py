@@ -33,6 +33,8 @@ setup(
     name=NAME,
     version=VERSION,
     description='A spoke-leg micro rover on the Moon: MuJoCo walk, photorealistic stereo, rosbag2',
+    long_description=Path('README.md').read_text('utf-8'),
+    long_description_content_type='text/markdown',
     license='Apache-2.0',
     maintainer='lunar_rover_sim developers',
     maintainer_email='lunar-rover-sim@example.com',

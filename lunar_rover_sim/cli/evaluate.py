@@ -21,6 +21,27 @@ from lunar_rover_sim.run.recorded_run import FRAMES
 _ODD_SCALE = 0.1     # of a metric estimate that is no failure, the scale is nearer to 1
 
 
+def bounds(function: options.Function) -> options.Function:
+    """Declare --max-ate and --min-tracked; see `check_bounds`."""
+    for option in (
+            click.option('--min-tracked', type=click.FloatRange(0.0, 1.0), metavar='SHARE',
+                         help='exit with 1 if a smaller share of the drive is tracked'),
+            click.option('--max-ate', type=click.FloatRange(0.0, min_open=True), metavar='M',
+                         help='exit with 1 if the ATE is larger [m]')):
+        function = option(function)
+    return function
+
+
+def check_bounds(ate_m: float, tracked_share: float, max_ate: float | None,
+                 min_tracked: float | None) -> None:
+    """Raise EvaluationError if a result is worse than a bound; None is no bound."""
+    if max_ate is not None and not ate_m <= max_ate:
+        raise EvaluationError(f'ATE is {ate_m:.4f} m; --max-ate asks for at most {max_ate:g} m')
+    if min_tracked is not None and not tracked_share >= min_tracked:
+        raise EvaluationError(f'tracked is {tracked_share:.3f} of the drive; --min-tracked asks '
+                              f'for at least {min_tracked:g}')
+
+
 @options.command()
 @options.argument('truth', 'file, BAG or BAG:TOPIC', metavar='GROUND_TRUTH')
 @options.argument('estimate', 'file or BAG:TOPIC', metavar='ESTIMATE')
@@ -40,10 +61,12 @@ _ODD_SCALE = 0.1     # of a metric estimate that is no failure, the scale is nea
 @click.option('--times', type=options.PATH, metavar='FILE',
               help='stamps of KITTI files, one a line')
 @options.folder('folder for evaluation.json and plots', required=False)
+@bounds
 @options.as_json
 def trajectory(truth: str, estimate: str, align: str, truth_frame: str, estimate_frame: str,
                tolerance: float, distance: float, time: float, times: Path | None,
-               output: Path | None, as_json: bool) -> int:
+               output: Path | None, max_ate: float | None, min_tracked: float | None,
+               as_json: bool) -> int:
     """Judge an estimated trajectory against the truth.
 
     Prints ATE, RPE, drift, scale and tracked share. Inputs are TUM, EuRoC or KITTI files, a bag
@@ -60,6 +83,7 @@ def trajectory(truth: str, estimate: str, align: str, truth_frame: str, estimate
         written = (json_path, *paths)
     if as_json:
         print_json(result.to_mapping())
+        check_bounds(result.ate_m.rmse, result.tracked_share, max_ate, min_tracked)
         return 0
     errors = {f'ATE [m], {align}': result.ate_m, 'ATE [deg]': result.ate_deg,
               f'RPE over {distance:g} m [m]': result.rpe_distance_m,
@@ -86,6 +110,7 @@ def trajectory(truth: str, estimate: str, align: str, truth_frame: str, estimate
             'alone, which knows no scale, --align sim3 takes it out')
     for path in written:
         say(path)
+    check_bounds(result.ate_m.rmse, result.tracked_share, max_ate, min_tracked)
     return 0
 
 

@@ -18,6 +18,7 @@ from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import check_file, config_path, make_new_folder
 from lunar_rover_sim.base.files.results import json_text
 from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.evaluate import bounds, check_bounds
 from lunar_rover_sim.cli.terminal import print_json, Progress, say
 from lunar_rover_sim.judge.evaluation.trajectory_plots import TOP_VIEW
 from lunar_rover_sim.judge.slam.benchmark_report import write_report
@@ -124,9 +125,11 @@ def settings(source: str, output: Path, sensor: str, features: int, legacy: bool
 @_sensor
 @click.option('--keep-sequence', is_flag=True, help='keep the exported images')
 @click.option('--quiet', is_flag=True, help='do not show the log of the program')
+@bounds
 @options.as_json
 @system_options
-def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool, as_json: bool,
+def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool,
+        max_ate: float | None, min_tracked: float | None, as_json: bool,
         estimator: Callable[[str], Estimator]) -> int:
     """Run a SLAM program on a bag and evaluate its result."""
     system = estimator(sensor)
@@ -145,6 +148,8 @@ def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool, 
     judged = not math.isnan(result.ate_m)
     if as_json:
         print_json(mapping)
+        if judged:
+            check_bounds(result.ate_m, result.tracked_share, max_ate, min_tracked)
         return 0 if judged else 1
     if result.reason:
         say(result.reason)
@@ -158,6 +163,7 @@ def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool, 
         raise SlamError(f'no trajectory to judge; the log is in {output}')
     say(f'done: ATE {result.ate_m:.4f} m, {result.ate_percent:.2f} % of '
         f'{result.distance_m:.2f} m; figure: {output / TOP_VIEW}')
+    check_bounds(result.ate_m, result.tracked_share, max_ate, min_tracked)
     return 0
 
 

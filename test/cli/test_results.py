@@ -79,3 +79,22 @@ def test_an_evaluation_in_a_notebook() -> None:
     assert len(repr(result)) < 120 and 'ATE 0.0000 m' in repr(result)
     shown = result._repr_html_()
     assert shown.startswith('<div><svg') and 'ATE 0.0000 m' in shown and len(shown) < 60_000
+
+
+@pytest.mark.parametrize(('options', 'words'), [
+    ([], ''), (['--max-ate', '0.1', '--min-tracked', '0.7'], ''),
+    (['--max-ate', '0.01'], 'at most 0.01 m'), (['--min-tracked', '1'], 'at least 1'),
+    (['--max-ate', 'nan'], 'at most nan m')])
+def test_a_bound_decides_the_exit(options: list[str], words: str, bag: Path, tmp_path: Path,
+                                  capsys: pytest.CaptureFixture[str]) -> None:
+    """Poses that jump to and fro by 4 cm, of all but the last fifth of the drive."""
+    with open_bag(bag) as opened:
+        truth = trajectory_of_topic(opened)
+    count = len(truth.stamps_ns) * 4 // 5
+    shaken = truth.positions_m[:count].copy()
+    shaken[::2, 1] += 0.04
+    write_tum(tmp_path / 'estimate.txt', Trajectory(truth.stamps_ns[:count], shaken,
+                                                    truth.orientations_wxyz[:count]))
+    status = main(['evaluate', str(bag), str(tmp_path / 'estimate.txt'), *options])
+    assert status == (1 if words else 0)
+    assert words in capsys.readouterr().err

@@ -17,8 +17,8 @@ from lunar_rover_sim.run.scenario import Scenario
 
 NODES = {**NODE_CONFIGS, **COMPANION_CONFIGS}
 # Programs of others; ours are looked at word by word.
-FOREIGN = {'.', 'apt', 'cd', 'cmake', 'colcon', 'cosmic-ray', 'cr-report', 'dask', 'git', 'pip',
-           'rviz2', 'sqlite3', '~/orbslam3/bin/pip', '~/svo/bin/pip'}
+FOREIGN = {'.', 'apt', 'cd', 'cmake', 'colcon', 'cosmic-ray', 'cr-report', 'dask', 'docker', 'git',
+           'pip', 'rviz2', 'sqlite3', '~/orbslam3/bin/pip', '~/svo/bin/pip'}
 LINES = [pytest.param(words, id=f'{snippet.name} {" ".join(words)[:60]}')
          for snippet in snippets('sh') for words in commands(snippet)]
 

@@ -1,0 +1,68 @@
+"""What a forge runs: workflows that name what exists, and the script that judges an estimator."""
+
+import os
+from pathlib import Path
+import re
+import subprocess
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[1]
+ACTION = ROOT / '.github/actions/judge'
+
+
+@pytest.mark.parametrize('name', ['test', 'release'])
+def test_workflows_call_what_is_there(name: str) -> None:
+    workflow = yaml.safe_load((ROOT / f'.github/workflows/{name}.yml').read_text())
+    jobs = workflow['jobs'].values()
+    assert jobs and all(job['steps'] and job['runs-on'] for job in jobs)
+    lines = '\n'.join(step.get('run', '') for job in jobs for step in job['steps'])
+    called = set(re.findall(r'\S*bootstrap\b( \w+)?', lines))
+    assert called <= {' docs', ' test'} and ' docs' in called
+    # Extras and files that a step names.
+    assert 'libgl1-mesa-dri' in lines or 'docker build' in lines
+
+
+def test_the_action_hands_all_inputs_to_its_script() -> None:
+    action = yaml.safe_load((ACTION / 'action.yml').read_text())
+    handed = {value[len('${{ inputs.'):-len(' }}')]
+              for step in action['runs']['steps'] for value in step.get('env', {}).values()}
+    assert handed == set(action['inputs'])
+    names = {name for step in action['runs']['steps'] for name in step.get('env', {})}
+    read = set(re.findall(r'\$\{([A-Z_]+):', (ACTION / 'judge').read_text()))
+    assert names == read
+
+
+@pytest.mark.ros
+def test_the_script_fails_above_a_bound_only(tmp_path: Path) -> None:
+    """With an estimator of the user's that says that it moves along a parabola."""
+    program = tmp_path / 'guess.py'
+    program.write_text('import sys\n'
+                       'with open(sys.argv[2], "w") as out:\n'
+                       '    for line in open(sys.argv[1]):\n'
+                       '        t = int(line.split()[0]) * 1e-9\n'
+                       '        print(t, 0.1 * t, 0.1 * t * t, 0, 0, 0, 0, 1, file=out)\n')
+
+    def judged(bound: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [ACTION / 'judge'], capture_output=True, text=True, cwd=tmp_path,
+            env={**os.environ, 'SCENARIO': 'flat', 'DURATION': '1', 'MAX_ATE': bound,
+                 'OUTPUT': f'of_{bound}', 'RUN': f'python {program} {{times}} {{out}}'})
+    strict = judged('0.000001')
+    assert strict.returncode == 1
+    assert 'ATE is' in strict.stderr and '--max-ate asks for at most 1e-06 m' in strict.stderr
+    assert (tmp_path / 'of_0.000001/result/result.json').is_file()
+    # The same drive again would take as long as the first.
+    kept = subprocess.run(['lunar_rover_sim', 'slam', 'run', 'of_0.000001/drive', '-o', 'again',
+                           '--system', 'command', '--run', f'python {program} {{times}} {{out}}',
+                           '--max-ate', '1'], capture_output=True, text=True, cwd=tmp_path)
+    assert kept.returncode == 0, kept.stderr
+
+
+def test_the_script_wants_a_bound(tmp_path: Path) -> None:
+    env = {name: value for name, value in os.environ.items() if name != 'MAX_ATE'}
+    done = subprocess.run([ACTION / 'judge'], capture_output=True, text=True, cwd=tmp_path,
+                          env=env)
+    assert done.returncode != 0 and 'MAX_ATE' in done.stderr
+    assert not list(tmp_path.iterdir())
