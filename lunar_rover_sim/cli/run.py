@@ -215,9 +215,10 @@ class _Display:
         driven_m, left_m = self._way
         if not self._by_way:
             self._by_way = True
-            self._progress.start('driving', driven_m + left_m, 'm')
+            self._progress.start('driving', round(driven_m + left_m, 1), 'm')
         # Ways around obstacles make the whole longer.
-        self._progress(driven_m, driven_m + left_m, f'{now_s:.0f} s{", " if note else ""}{note}')
+        self._progress(driven_m, round(driven_m + left_m, 1),
+                       f'{now_s:.0f} s{", " if note else ""}{note}')
 
 
 def _print_summary(recording: Recording) -> None:

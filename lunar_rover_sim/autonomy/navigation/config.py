@@ -150,6 +150,9 @@ class NavigatorConfig(Parameters):
     look_unknown_m: float = param(0.15, 'length of unknown ground on it that makes the rover '
                                   'look', unit='m', low=0.0, high=5.0)
     look_s: float = param(1.5, 'time that it looks', unit='s', low=0.1, high=60.0)
+    stop_every_m: float = param(0.0, 'stop and look: way between stops at which it waits until '
+                                'the map has a frame that was taken at rest; 0: it looks as it '
+                                'walks', unit='m', low=0.0, high=100.0)
     creep: bool = param(False, 'drive, slowly, over ground that stays unknown when it has been '
                         'looked at, a shadow; false: only around it')
     creep_mps: float = param(0.05, 'forward speed there', unit='m/s', low=0.0, open_low=True,

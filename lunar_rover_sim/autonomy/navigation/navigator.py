@@ -42,6 +42,7 @@ _AROUND_TURNS = 6           # of a sixth of a circle each, where no way is seen
 _METRES_PER_RADIAN = 0.3    # weight of turning, where motion is looked at
 _LOOKAHEAD_SHARES, _ARC_POINTS = (1.0, 0.5, 0.25), 9    # of the pursuit near obstacles
 _CHECK_NS = 100_000_000
+_SETTLED_NS = NS_PER_S      # after which a walking body is at rest
 _NEARER_M = 0.3             # progress to the goal that counts
 _RECOVERED_M = 1.0          # nearer by this, earlier recoveries do not count any more
 
@@ -133,6 +134,8 @@ class Navigator:
         self._trail: list[Disc] = []
         self._position: Array | None = None
         self._seeing_heading: float | None = None       # when the newest depth came
+        self._stop_ns: int | None = None        # when it stopped to look, and where
+        self._stopped_at: Array | None = None
         self._restart()
         self.backed_off = 0
         if self._config.goals:
@@ -267,7 +270,23 @@ class Navigator:
         self._grid = grid
         if self._look is not None:
             return self._go_on_looking(position, heading)
-        return self._follow(position, heading, new_map)
+        return self._stop_and_look(position, grid) or self._follow(position, heading, new_map)
+
+    def _stop_and_look(self, position: Array, grid: Traversability) -> NavigatorCommand | None:
+        """Return the command to stand where it is time for that; None where it may go on."""
+        every_m = self._config.stop_every_m
+        if not every_m:
+            return None
+        if self._stop_ns is None:
+            if (self._stopped_at is not None
+                    and np.linalg.norm(position[:2] - self._stopped_at) < every_m):
+                return None
+            self._stop_ns, self._stopped_at = self._now_ns, position[:2].copy()
+        if grid.stamp_ns < self._stop_ns + _SETTLED_NS:
+            self._history.clear()
+            return _still(Status.LOOKING, 'stops and looks')
+        self._stop_ns = None
+        return None
 
     # What is missing
 

@@ -277,3 +277,19 @@ def test_it_looks_at_a_goal_that_seems_to_lie_on_an_obstacle():
     assert 'obstacle' in rover.commands[-1].reason
     rover.cost = ground()
     assert rover.drive().status == Status.ARRIVED
+
+
+def test_stop_and_look_stands_until_a_frame_taken_at_rest():
+    rover = made(ground(), stop_every_m=0.5)
+    assert rover.drive().status == Status.ARRIVED
+    looks = [k for k, c in enumerate(rover.commands) if c.reason == 'stops and looks']
+    begins = [k for k in looks if k - 1 not in looks]
+    # 3.8 m to the tolerance of the goal, one stop at the start.
+    assert 7 <= len(begins) <= 9
+    assert all(rover.commands[k].forward_mps == 0.0 for k in looks)
+    for begin in begins:
+        stood = next(k for k in range(begin, len(rover.commands)) if k not in looks) - begin
+        assert 10 <= stood <= 14        # a second, and up to four steps to the next map
+    walking = made(ground())
+    walking.drive()
+    assert not any(c.reason == 'stops and looks' for c in walking.commands)
