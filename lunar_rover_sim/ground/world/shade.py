@@ -9,6 +9,7 @@ import scipy.ndimage
 from lunar_rover_sim.base.frames import sun_direction
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.rocks import Rocks
 
 
 def shaded(heights_m: NDArray[np.float32], cell_m: float, azimuth_deg: float,
@@ -30,21 +31,31 @@ def shaded(heights_m: NDArray[np.float32], cell_m: float, azimuth_deg: float,
 
 def shadow(heights_m: NDArray[np.float32], cell_m: float, azimuth_deg: float,
            elevation_deg: float) -> NDArray[np.bool_]:
-    """Return where the relief hides a point sun.
+    """Return where the relief hides a point sun."""
+    return line_of_sight(heights_m, cell_m, azimuth_deg, elevation_deg) > heights_m
+
+
+def line_of_sight(heights_m: NDArray[np.float32], cell_m: float, azimuth_deg: float,
+                  elevation_deg: float, from_cells: float = 1.0) -> NDArray[np.float32]:
+    """Return the height up to which relief hides a point sun, at each sample [m].
 
     The highest line of sight towards the sun is found over distances that double each time.
+
+    Args:
+        from_cells: Relief that is nearer is left out.
     """
     azimuth, rise = np.radians(azimuth_deg), np.tan(np.radians(elevation_deg)) * cell_m
     towards = np.array([np.sin(azimuth), np.cos(azimuth)])  # rows north, columns east
     nothing = float(heights_m.min()) - 1e6
     heights = np.asarray(heights_m, np.float32)
     reach = 1.0
-    highest = scipy.ndimage.shift(heights, -towards, order=1, cval=nothing) - rise
-    while reach < heights.shape[0]:
+    highest = scipy.ndimage.shift(heights, -towards * from_cells, order=1,
+                                  cval=nothing) - from_cells * rise
+    while reach < max(heights.shape):
         further = scipy.ndimage.shift(highest, -towards * reach, order=1, cval=nothing)
         np.maximum(highest, further - reach * rise, out=highest)
         reach *= 2.0
-    return highest > heights
+    return np.asarray(highest, np.float32)
 
 
 def slope_deg(heights_m: NDArray[np.float32], cell_m: float) -> NDArray[np.float32]:
@@ -66,21 +77,31 @@ def with_rocks(world: World, stride: int = 1) -> NDArray[np.float32]:
     """Return the ground's heights, every `stride`-th sample, with rocks as domes upon it."""
     heights = np.array(world.ground.heights_m[::stride, ::stride])
     cell = world.ground.cell_m * stride
-    half = 0.5 * (heights.shape[0] - 1)
-    for (x, y, z), diameter in zip(world.rocks.position_m, world.rocks.diameter_m):
-        radius = 0.5 * diameter / cell
+    first = np.array(world.ground.middle_m) / cell - 0.5 * (heights.shape[0] - 1)
+    add_domes(heights, cell, first, world.rocks)
+    return heights
+
+
+def add_domes(heights_m: NDArray[np.float32], cell_m: float, first: ArrayLike,
+              rocks: Rocks) -> None:
+    """Raise heights where rocks lie on them, as domes; in place.
+
+    Args:
+        first: (2,) place of the sample [0, 0], x and y [cells].
+    """
+    position = rocks.position_m[:, :2] / cell_m - first
+    for (x0, y0), z, diameter in zip(position, rocks.position_m[:, 2], rocks.diameter_m):
+        radius = 0.5 * diameter / cell_m
         if radius < 0.5:
             continue
-        x0, y0 = x / cell + half, y / cell + half
-        rows = slice(max(int(np.ceil(y0 - radius)), 0), int(y0 + radius) + 1)
-        columns = slice(max(int(np.ceil(x0 - radius)), 0), int(x0 + radius) + 1)
-        patch = heights[rows, columns]
+        rows = slice(max(int(np.ceil(y0 - radius)), 0), max(int(y0 + radius) + 1, 0))
+        columns = slice(max(int(np.ceil(x0 - radius)), 0), max(int(x0 + radius) + 1, 0))
+        patch = heights_m[rows, columns]
         dy = (np.arange(rows.start, rows.start + patch.shape[0]) - y0) / radius
         dx = (np.arange(columns.start, columns.start + patch.shape[1]) - x0) / radius
         dome = np.sqrt(np.clip(1.0 - dx * dx - (dy * dy)[:, None], 0.0, None))
         top = z + 0.38 * diameter * dome
         patch[:] = np.where((dome > 0.0) & (top > patch), top, patch)
-    return heights
 
 
 def horizon_deg(world: World, azimuth_deg: ArrayLike,
