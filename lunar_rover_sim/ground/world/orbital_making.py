@@ -41,7 +41,7 @@ _TRUNCATE = 4.0             # standard deviations of the kernel of the errors
 
 
 @dataclasses.dataclass(frozen=True)
-class Terrain:
+class MappedGround:
     """Ground of which a map is made, in the frame of the site.
 
     Attributes:
@@ -65,7 +65,7 @@ class Terrain:
     origin_m: tuple[float, float] = (0.0, 0.0)
 
     @staticmethod
-    def of(world: World) -> Terrain:
+    def of(world: World) -> MappedGround:
         """Return the ground of a world with its coarse levels."""
         last = world.levels[-1]
 
@@ -97,17 +97,17 @@ class Terrain:
                          all_rocks.albedo[some], all_rocks.size_classes_m, all_rocks.key[some])
 
         crs, origin = projected_origin(world)
-        return Terrain(heights, albedo, last.half_extent_m, world.craters, rocks,
+        return MappedGround(heights, albedo, last.half_extent_m, world.craters, rocks,
                        world.config.to_mapping(), world.hash,
                        '' if crs is None else crs.to_wkt(), origin)
 
 
-def orbital_map(ground: World | Terrain, config: OrbitalConfig = OrbitalConfig(),
+def orbital_map(ground: World | MappedGround, config: OrbitalConfig = OrbitalConfig(),
                 progress: Progress | None = None) -> OrbitalMap:
     """Return the maps of a site from orbit.
 
     Args:
-        ground: A world, with all of its levels, or another terrain.
+        ground: A world, with all of its levels, or another source.
         config: Extent, pixels, sun of the photo, errors and their seed.
         progress: Called with what is being made and the fraction done so far.
 
@@ -115,30 +115,30 @@ def orbital_map(ground: World | Terrain, config: OrbitalConfig = OrbitalConfig()
         WorldError: If the map would have fewer than 8 pixels along a side, or reaches beyond the
             ground.
     """
-    terrain = ground if isinstance(ground, Terrain) else Terrain.of(ground)
+    source = ground if isinstance(ground, MappedGround) else MappedGround.of(ground)
     tell = progress or (lambda what, fraction: None)
-    half = 0.5 * config.extent_m or terrain.half_extent_m
-    if half > terrain.half_extent_m:
+    half = 0.5 * config.extent_m or source.half_extent_m
+    if half > source.half_extent_m:
         raise WorldError(f'extent_m: {config.extent_m:g} is not valid; valid is <= '
-                         f'{2.0 * terrain.half_extent_m:g} [m], of this ground')
+                         f'{2.0 * source.half_extent_m:g} [m], of this ground')
     for name, pixel in (('pixel_m', config.pixel_m), ('photo_pixel_m', config.photo_pixel_m)):
         if pixel and 2.0 * half / pixel < _LEAST_PX:
             raise WorldError(f'{name}: {pixel:g} is not valid; valid is <= '
                              f'{2.0 * half / _LEAST_PX:g} [m], for {2.0 * half:g} m of ground')
-    true = _true_heights(terrain, half, config.pixel_m, lambda share: tell('heights', share))
+    true = _true_heights(source, half, config.pixel_m, lambda share: tell('heights', share))
     n = len(true)
     first = 0.5 * (1 - n) * config.pixel_m
     photo = np.zeros((0, 0), np.uint8)
     if config.photo_pixel_m:
-        photo = _photo(terrain, half, config, true, lambda share: tell('photo', share))
+        photo = _photo(source, half, config, true, lambda share: tell('photo', share))
     axis = first + config.pixel_m * np.arange(n)
     heights = (true + _height_errors(config, axis)).astype(np.float32)
     for array in (heights, photo):
         array.setflags(write=False)
     photo_first = 0.5 * (1 - len(photo)) * config.photo_pixel_m
-    return OrbitalMap(heights, (first, first), _mapped(terrain.craters, config, half), photo,
-                      (photo_first, photo_first), config, terrain.recipe, terrain.name,
-                      terrain.crs, terrain.origin_m)
+    return OrbitalMap(heights, (first, first), _mapped(source.craters, config, half), photo,
+                      (photo_first, photo_first), config, source.recipe, source.name,
+                      source.crs, source.origin_m)
 
 
 def on_axes(values: NDArray[Any], first_m: tuple[float, float], cell_m: float, x_m: Array,
@@ -188,14 +188,14 @@ def _means(values: Array, samples: int) -> Array:
     return np.asarray(values.reshape(rows, samples, columns, samples).mean(axis=(1, 3)))
 
 
-def _true_heights(terrain: Terrain, half_m: float, pixel_m: float,
+def _true_heights(source: MappedGround, half_m: float, pixel_m: float,
                   tell: Callable[[float], object]) -> F32:
     n, samples = int(2.0 * half_m / pixel_m + 1e-9), _samples(pixel_m)
     heights = np.empty((n, n), np.float32)
     for rows, columns in _blocks(n):
         tell(rows.start / n)
         x, y = (_sample_axis(part, n, pixel_m, samples) for part in (columns, rows))
-        heights[rows, columns] = _means(terrain.heights(x, y), samples)
+        heights[rows, columns] = _means(source.heights(x, y), samples)
     return heights
 
 
@@ -239,7 +239,7 @@ def _mapped(craters: Craters, config: OrbitalConfig, half_m: float) -> MappedCra
     return MappedCraters(place, size)
 
 
-def _photo(terrain: Terrain, half_m: float, config: OrbitalConfig, coarse: F32,
+def _photo(source: MappedGround, half_m: float, config: OrbitalConfig, coarse: F32,
            tell: Callable[[float], object]) -> NDArray[np.uint8]:
     """Return the photo; shadows of far relief are those of the coarse heights."""
     pixel, sun = config.photo_pixel_m, (config.sun_azimuth_deg, config.sun_elevation_deg)
@@ -250,12 +250,12 @@ def _photo(terrain: Terrain, half_m: float, config: OrbitalConfig, coarse: F32,
     sight = line_of_sight(np.nan_to_num(coarse, nan=lowest), config.pixel_m, *sun,
                           from_cells=max(_NEAR_M / config.pixel_m, 1.0))
     sight_first = 0.5 * (1 - len(coarse)) * config.pixel_m
-    rocks = terrain.rocks(pixel)
+    rocks = source.rocks(pixel)
     photo = np.empty((n, n), np.uint8)
     for rows, columns in _blocks(n):
         tell((rows.start + columns.start / n * _BLOCK_PX) / n)
         x, y = (_sample_axis(part, n, pixel, samples, margin) for part in (columns, rows))
-        heights = np.asarray(terrain.heights(x, y), np.float32)
+        heights = np.asarray(source.heights(x, y), np.float32)
         known = np.isfinite(heights)
         heights[~known] = lowest
         add_domes(heights, cell, (x[0] / cell, y[0] / cell), _within(rocks, x, y))
@@ -264,7 +264,7 @@ def _photo(terrain: Terrain, half_m: float, config: OrbitalConfig, coarse: F32,
         x, y = x[margin:-margin], y[margin:-margin]
         hidden = on_axes(sight, (sight_first, sight_first), config.pixel_m, x, y)
         light[hidden > heights[inner]] = 0.0
-        bright = _FULL / 255.0 * _means(light * terrain.albedo(x, y), samples)
+        bright = _FULL / 255.0 * _means(light * source.albedo(x, y), samples)
         rng = np.random.default_rng([config.error_seed, *b'photo', rows.start, columns.start])
         bright += config.photo_noise * rng.standard_normal(bright.shape)
         values = np.clip(255.0 * bright, 1.0, 255.0).round().astype(np.uint8)
