@@ -115,6 +115,31 @@ class PlanConfig(Parameters):
 
 
 @dataclasses.dataclass(frozen=True)
+class GlobalPlanConfig(Parameters):
+    """Costs of a plan over maps from orbit, and how the local planner follows it.
+
+    A metre over smooth, level ground costs 1.
+    """
+
+    cell_m: float = param(5.0, 'cell of the plan', unit='m', low=1.0, high=50.0)
+    max_slope_deg: float = param(20.0, 'slope over a cell that it does not cross', unit='deg',
+                                 low=1.0, high=60.0)
+    slope_cost: float = param(6.0, 'what a slope just below that costs more', low=0.0, high=100.0)
+    rough_m: float = param(0.5, 'RMS of heights about the plane of a cell and its neighbours '
+                           'that costs rough_cost more', unit='m', low=0.01, high=100.0)
+    rough_cost: float = param(2.0, 'what such ground costs more', low=0.0, high=100.0)
+    crater_cost: float = param(3.0, 'what the inside of a mapped crater costs more: its walls may '
+                               'be steeper than the pixels show', low=0.0, high=100.0)
+    dark_cost: float = param(10.0, 'what ground costs more that is known to lie in shadow',
+                             low=0.0, high=1000.0)
+    blocked_cost: float = param(20.0, 'what a cell costs more in which the rover found no way',
+                                low=1.0, high=1e4)
+    ahead_m: float = param(5.0, 'distance along the plan to the place that the local plan leads '
+                           'to', unit='m', low=0.5, high=50.0)
+    news: int = param(6, 'new plans at one place, after which it gives up', low=0, high=100)
+
+
+@dataclasses.dataclass(frozen=True)
 class NavigatorConfig(Parameters):
     """How the navigator drives, looks, backs off and gives up."""
 
@@ -180,6 +205,7 @@ class NavigatorConfig(Parameters):
     border_m: float = param(1.0, 'goals nearer than this to the edge of the world are refused',
                             unit='m', low=0.0, high=100.0)
     plan: PlanConfig = group(PlanConfig)
+    far: GlobalPlanConfig = group(GlobalPlanConfig)
 
     def validate(self) -> None:
         """Raise ConfigError if lists differ in length or the limits of tilt are in disorder."""

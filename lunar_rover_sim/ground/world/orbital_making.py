@@ -92,14 +92,12 @@ class MappedGround:
             far = far_rocks(world, last.half_extent_m)
             all_rocks = world.rocks.joined(far) if len(far) else world.rocks
             some = np.flatnonzero(all_rocks.diameter_m >= least_m)
-            return Rocks(all_rocks.shape[some], all_rocks.size[some],
-                         all_rocks.position_m[some], all_rocks.orientation_wxyz[some],
-                         all_rocks.albedo[some], all_rocks.size_classes_m, all_rocks.key[some])
+            return _select(all_rocks, some)
 
         crs, origin = projected_origin(world)
         return MappedGround(heights, albedo, last.half_extent_m, world.craters, rocks,
-                       world.config.to_mapping(), world.hash,
-                       '' if crs is None else crs.to_wkt(), origin)
+                            world.config.to_mapping(), world.hash,
+                            '' if crs is None else crs.to_wkt(), origin)
 
 
 def orbital_map(ground: World | MappedGround, config: OrbitalConfig = OrbitalConfig(),
@@ -131,7 +129,7 @@ def orbital_map(ground: World | MappedGround, config: OrbitalConfig = OrbitalCon
     photo = np.zeros((0, 0), np.uint8)
     if config.photo_pixel_m:
         photo = _photo(source, half, config, true, lambda share: tell('photo', share))
-    axis = first + config.pixel_m * np.arange(n)
+    axis = np.asarray(first + config.pixel_m * np.arange(n), np.float64)
     heights = (true + _height_errors(config, axis)).astype(np.float32)
     for array in (heights, photo):
         array.setflags(write=False)
@@ -246,7 +244,7 @@ def _photo(source: MappedGround, half_m: float, config: OrbitalConfig, coarse: F
     n, samples = int(2.0 * half_m / pixel + 1e-9), _samples(config.photo_pixel_m)
     cell = pixel / samples
     margin = math.ceil(_NEAR_M / cell)
-    lowest = np.nanmin(coarse) if np.isfinite(coarse).any() else 0.0
+    lowest = float(np.nanmin(coarse)) if np.isfinite(coarse).any() else 0.0
     sight = line_of_sight(np.nan_to_num(coarse, nan=lowest), config.pixel_m, *sun,
                           from_cells=max(_NEAR_M / config.pixel_m, 1.0))
     sight_first = 0.5 * (1 - len(coarse)) * config.pixel_m
@@ -279,6 +277,10 @@ def _within(rocks: Rocks, x_m: Array, y_m: Array) -> Rocks:
     reach = 0.5 * rocks.diameter_m
     some = np.flatnonzero((x + reach >= x_m[0]) & (x - reach <= x_m[-1])
                           & (y + reach >= y_m[0]) & (y - reach <= y_m[-1]))
+    return _select(rocks, some)
+
+
+def _select(rocks: Rocks, some: NDArray[np.int64]) -> Rocks:
     return Rocks(rocks.shape[some], rocks.size[some], rocks.position_m[some],
                  rocks.orientation_wxyz[some], rocks.albedo[some], rocks.size_classes_m,
                  rocks.key[some])

@@ -1,0 +1,359 @@
+"""Plans over maps from orbit: what ground costs there, and ways that are made anew on news."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+import scipy.ndimage
+
+from lunar_rover_sim.autonomy.navigation.config import GlobalPlanConfig
+from lunar_rover_sim.autonomy.navigation.incremental_search import Cell, IncrementalSearch
+from lunar_rover_sim.base.arguments import brief
+from lunar_rover_sim.base.compiled import compiled
+from lunar_rover_sim.base.errors import NavigationError
+from lunar_rover_sim.base.frames import Array, distance_along
+from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
+
+F32 = NDArray[np.float32]
+
+_RIM = 1.2              # radii of a mapped crater that cost more
+_SHOWN_CELLS = 8.0      # a crater of so many cells shows its walls in the heights
+_ESCAPE = 50.0          # of a cell where the rover stands although it may not cross it
+_SHORTCUT_CELLS = 24    # of a way that one straight line may replace
+_BACK_M, _FORWARD_M = 5.0, 30.0     # of the way, where the rover is looked for
+_AT_M = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class GroundCosts:
+    """What a metre costs from cell to cell, row 0 south; inf: not to be crossed.
+
+    Attributes:
+        cost: (rows, columns) float32.
+        low_m: (2,) corner of the cell [0, 0] with the least x and y, site frame.
+        cell_m: Side of a cell.
+        known: (rows, columns) where the map has heights.
+    """
+
+    cost: F32
+    low_m: tuple[float, float]
+    cell_m: float
+    known: NDArray[np.bool_]
+
+    @staticmethod
+    def of(orbital: OrbitalMap, config: GlobalPlanConfig = GlobalPlanConfig(),
+           is_dark: Callable[[Array, Array], NDArray[np.bool_]] | None = None) -> GroundCosts:
+        """Return the costs of a map from orbit.
+
+        Args:
+            orbital: Heights and craters; slopes count less what their errors make of them.
+            config: What is dear.
+            is_dark: Takes x and y (rows, columns) [m] and says where shadow is known; None: no
+                shadow is known.
+        """
+        factor = max(1, round(config.cell_m / orbital.pixel_m))
+        cell = factor * orbital.pixel_m
+        heights = orbital.heights_m
+        rows, columns = (n // factor for n in heights.shape)
+        if min(rows, columns) < 2:
+            raise NavigationError(f'far.cell_m: {config.cell_m:g} is not valid; valid is at most '
+                                  'half of the map from orbit')
+        means = heights[:rows * factor, :columns * factor].astype(float).reshape(
+            rows, factor, columns, factor).mean(axis=(1, 3))
+        known = np.isfinite(means)
+        filled = _filled(means, known)
+        dy, dx = np.gradient(filled, cell)
+        errors = orbital.config
+        # Noise of correlation exp(-(d / L)^2) has slopes of variance 2 s^2 / L^2 in x and in y;
+        # differences over two cells show less of it.
+        apart, length = 2.0 * cell, max(errors.correlation_m, 1e-9)
+        noise = 4.0 * errors.height_stddev_m ** 2 * -math.expm1(-(apart / length) ** 2) / apart**2
+        slope = np.sqrt(np.maximum(dx * dx + dy * dy - noise, 0.0))
+        share = slope / math.tan(math.radians(config.max_slope_deg))
+        cost = 1.0 + config.slope_cost * np.minimum(share, 1.0) ** 2
+        rough = np.maximum(_roughness(filled) - _unresolved(errors.height_stddev_m, cell, length),
+                           0.0)
+        cost += config.rough_cost * np.minimum(rough / config.rough_m, 2.0) ** 2
+        west, south = orbital.bounds_m[:2]
+        x, y = (low + (np.arange(n) + 0.5) * cell for low, n in ((west, columns), (south, rows)))
+        _add_craters(cost, x, y, cell, orbital, config.crater_cost)
+        if is_dark is not None:
+            cost[is_dark(*np.meshgrid(x, y))] += config.dark_cost
+        cost[(share >= 1.0) | ~known] = np.inf
+        return GroundCosts(cost.astype(np.float32), (west, south), cell, known)
+
+    def cell_of(self, xy_m: ArrayLike) -> Cell | None:
+        """Return row and column of a place (2,), None beyond the map."""
+        x, y = (np.asarray(xy_m, float)[:2] - self.low_m) / self.cell_m
+        rows, columns = self.cost.shape
+        if not (0.0 <= x <= columns and 0.0 <= y <= rows):
+            return None
+        return min(int(y), rows - 1), min(int(x), columns - 1)
+
+    def centre_m(self, cells: NDArray[np.int64]) -> Array:
+        """Return the middles (n, 2) of cells (n, 2), rows and columns."""
+        return np.asarray(cells[:, ::-1] + 0.5) * self.cell_m + self.low_m
+
+    def has_ground(self, x_m: float, y_m: float) -> bool:
+        """Return whether the map knows the ground at a place."""
+        cell = self.cell_of((x_m, y_m))
+        return cell is not None and bool(self.known[cell])
+
+
+def _filled(values: Array, known: NDArray[np.bool_]) -> Array:
+    """Return values with the nearest known ones in holes."""
+    if known.all() or not known.any():
+        return np.nan_to_num(values)
+    nearest = scipy.ndimage.distance_transform_edt(~known, return_distances=False,
+                                                   return_indices=True)
+    return np.asarray(values[tuple(nearest)])
+
+
+def _roughness(heights: Array) -> Array:
+    """Return the RMS about the plane of three by three cells."""
+    def mean(values: Array) -> Array:
+        return np.asarray(scipy.ndimage.uniform_filter(values, 3, mode='nearest'))
+
+    dy, dx = np.gradient(heights)
+    middle = mean(heights)
+    spread = mean(heights * heights) - middle * middle
+    # Of a plane with these slopes the nine heights have this variance.
+    return np.sqrt(np.maximum(spread - (dx * dx + dy * dy) * 2.0 / 3.0, 0.0))
+
+
+def _unresolved(stddev_m: float, cell_m: float, length_m: float) -> float:
+    """Return how much of the errors of heights differs from cell to cell [m]."""
+    return stddev_m * math.sqrt(-math.expm1(-(cell_m / length_m) ** 2))
+
+
+def _add_craters(cost: Array, x_m: Array, y_m: Array, cell_m: float, orbital: OrbitalMap,
+                 crater_cost: float) -> None:
+    """Raise the costs within mapped craters, of small ones fully; in place."""
+    margin = orbital.config.crater_place_m
+    for (x, y), size in zip(orbital.craters.position_m, orbital.craters.diameter_m):
+        extra = crater_cost * max(1.0 - size / (_SHOWN_CELLS * cell_m), 0.0)
+        reach = 0.5 * _RIM * size + margin
+        columns, rows = (slice(*np.searchsorted(axis, (v - reach, v + reach)))
+                         for axis, v in ((x_m, x), (y_m, y)))
+        if extra == 0.0 or columns.start == columns.stop or rows.start == rows.stop:
+            continue
+        inside = np.hypot(x_m[columns] - x, y_m[rows, None] - y) <= reach
+        part = cost[rows, columns]
+        np.copyto(part, np.maximum(part, 1.0 + extra), where=inside)
+
+
+class GlobalPlan:
+    """A way over the map from orbit through way points to a goal; made anew where it is blocked.
+
+    Attributes:
+        points_m: (n, 2) from the rover on to the goal.
+        goals_m: What is still to be reached, (2,) each.
+        made: How many plans were made.
+    """
+
+    def __init__(self, costs: GroundCosts, start_m: ArrayLike, goals_m: Sequence[ArrayLike],
+                 config: GlobalPlanConfig = GlobalPlanConfig(), border_m: float = 0.0) -> None:
+        """Plan from a place (2,) through way points to the last of the goals, site frame [m].
+
+        Args:
+            border_m: Goals nearer to the edge of the map are refused.
+
+        Raises:
+            NavigationError: If there is no goal, one lies beyond the map or where no rover can
+                stand, or no way leads there.
+        """
+        self._costs, self.config = dataclasses.replace(costs, cost=costs.cost.copy()), config
+        self.goals_m = tuple(self._checked(goal, border_m) for goal in goals_m)
+        if not self.goals_m:
+            raise NavigationError('goals_m: none is given; valid is one or more')
+        self.made = 0
+        self._expanded = 0
+        start = self._start(start_m)
+        self._searches = [self._search(goal) for goal in self.goals_m]
+        places = [start, *self.goals_m]
+        self._legs = [self._leg(search, a, b)
+                      for search, a, b in zip(self._searches, places, places[1:])]
+        del self._searches[1:]      # those of later legs are made again when they begin
+        self._joined()
+
+    @property
+    def expanded(self) -> int:
+        """Cells that searches have looked at so far, for all plans of the present leg."""
+        return self._expanded + self._searches[0].expanded
+
+    @property
+    def length_m(self) -> float:
+        """Length of the whole plan [m]."""
+        return float(self._along[-1])
+
+    def left_m(self, position_m: ArrayLike) -> float:
+        """Return how far it is from a place (2,) along the plan to the goal [m]."""
+        along, off = self._place(position_m)
+        return float(self._along[-1]) - along + off
+
+    def ahead(self, position_m: ArrayLike, distance_m: float | None = None) -> Array:
+        """Return the place (2,) on the plan that is so far on, at most the next of the goals.
+
+        Args:
+            distance_m: None: `ahead_m` of the configuration.
+        """
+        distance = self.config.ahead_m if distance_m is None else distance_m
+        at = min(self._place(position_m)[0] + distance, self._leg_end_m)
+        return np.array([np.interp(at, self._along, self.points_m[:, k]) for k in (0, 1)])
+
+    def has_ground(self, x_m: float, y_m: float) -> bool:
+        """Return whether the map knows the ground at a place."""
+        return self._costs.has_ground(x_m, y_m)
+
+    def reach(self, position_m: ArrayLike) -> None:
+        """Go on to the next goal, from the present one."""
+        self.goals_m = self.goals_m[1:]
+        self._legs = self._legs[1:]
+        self._searches = []
+        if self.goals_m:
+            self._searches = [self._search(self.goals_m[0])]
+            self.replan(position_m)
+
+    def report_blocked(self, points_m: ArrayLike, position_m: ArrayLike) -> bool:
+        """Take in that no way was found through places (n, 2), and plan anew from another (2,).
+
+        The cells of these places cost more from now on.
+
+        Returns:
+            Whether there is a new plan; the old one stays without.
+        """
+        costs = self._costs
+        own = costs.cell_of(position_m)
+        cells = {cell for xy in np.asarray(points_m, float).reshape(-1, 2)
+                 if (cell := costs.cell_of(xy)) is not None}
+        if len(cells) > 1:
+            cells.discard(own)      # type: ignore[arg-type]
+        if cells:
+            rows, columns = np.array(sorted(cells)).T
+            costs.cost[rows, columns] += np.float32(self.config.blocked_cost)
+            self._searches[0].changed(rows, columns)
+        return self.replan(position_m)
+
+    def replan(self, position_m: ArrayLike) -> bool:
+        """Plan anew from a place (2,); return whether there is a way: else the old one stays."""
+        try:
+            self._legs[0] = self._leg(self._searches[0], self._start(position_m),
+                                      self.goals_m[0])
+        except NavigationError:
+            return False
+        self._joined()
+        return True
+
+    def _checked(self, goal: ArrayLike, border_m: float) -> Array:
+        try:
+            point = np.asarray(goal, float)[:2]
+        except (TypeError, ValueError):
+            point = np.empty(0)
+        if point.shape != (2,) or not np.isfinite(point).all():
+            raise NavigationError(f'goal: {brief(goal)} is not valid; valid are finite x, y [m]')
+        costs = self._costs
+        low = np.array(costs.low_m) + border_m
+        high = costs.low_m + np.array(costs.cost.shape[::-1]) * costs.cell_m - border_m
+        if (point < low).any() or (point > high).any():
+            raise NavigationError(
+                f'goal: x {point[0]:g} m, y {point[1]:g} m is beyond the map of the site; valid '
+                f'are x of {low[0]:g} to {high[0]:g} m and y of {low[1]:g} to {high[1]:g} m')
+        cell = costs.cell_of(point)
+        assert cell is not None
+        if not np.isfinite(costs.cost[cell]):
+            why = ('is steeper than far.max_slope_deg' if costs.known[cell]
+                   else 'is in a hole of the map')
+            raise NavigationError(f'goal: x {point[0]:g} m, y {point[1]:g} m {why}; valid is '
+                                  'ground that the rover can cross')
+        return point.copy()
+
+    def _start(self, start_m: ArrayLike) -> Array:
+        start = np.asarray(start_m, float)[:2]
+        cell = self._costs.cell_of(start) if np.isfinite(start).all() else None
+        if cell is None:
+            raise NavigationError(f'start: {brief(start_m)} is not on the map of the site')
+        if not np.isfinite(self._costs.cost[cell]):
+            # The map must be wrong here.
+            self._costs.cost[cell] = _ESCAPE
+            for search in getattr(self, '_searches', []):
+                search.changed(np.array([cell[0]]), np.array([cell[1]]))
+        return start
+
+    def _search(self, goal: Array) -> IncrementalSearch:
+        cell = self._costs.cell_of(goal)
+        assert cell is not None
+        return IncrementalSearch(self._costs.cost, cell)
+
+    def _leg(self, search: IncrementalSearch, start: Array, goal: Array) -> Array:
+        cell = self._costs.cell_of(start)
+        assert cell is not None
+        cells = search.way(cell)
+        if cells is None:
+            raise NavigationError(
+                f'goal: no way leads from x {start[0]:g} m, y {start[1]:g} m to x {goal[0]:g} m, '
+                f'y {goal[1]:g} m over ground that is known and less steep than '
+                f'far.max_slope_deg {self.config.max_slope_deg:g}')
+        self.made += 1
+        kept = _straightened(self._costs.cost, cells, _SHORTCUT_CELLS)
+        points = self._costs.centre_m(cells[kept])
+        return np.concatenate([start[None], points[1:-1], goal[None]])
+
+    def _joined(self) -> None:
+        self.points_m = np.concatenate([self._legs[0], *(leg[1:] for leg in self._legs[1:])])
+        self._along = distance_along(self.points_m)
+        self._leg_end_m = float(self._along[len(self._legs[0]) - 1])
+        self._at_m = 0.0
+
+    def _place(self, position_m: ArrayLike) -> tuple[float, float]:
+        """Return how far along the plan the rover is, and how far off it [m]; it only advances.
+
+        It is looked for near where it was, so that another part that passes by is not taken.
+        """
+        position = np.asarray(position_m, float)[:2]
+        s = np.arange(max(self._at_m - _BACK_M, 0.0),
+                      min(self._at_m + _FORWARD_M, self._leg_end_m) + _AT_M, _AT_M)
+        points = np.stack([np.interp(s, self._along, self.points_m[:, k]) for k in (0, 1)], -1)
+        off = np.linalg.norm(points - position, axis=1)
+        nearest = int(np.argmin(off))
+        self._at_m = max(self._at_m, min(float(s[nearest]), self._leg_end_m))
+        return self._at_m, float(off[nearest])
+
+
+@compiled
+def _along_line(cost, r0, c0, r1, c1):
+    """Return what a straight line between the middles of two cells costs [cells]."""
+    length = math.hypot(r1 - r0, c1 - c0)
+    count = int(2.0 * length) + 1
+    total = 0.0
+    for k in range(count):
+        t = (k + 0.5) / count
+        total += cost[int(math.floor(r0 + t * (r1 - r0) + 0.5)),
+                      int(math.floor(c0 + t * (c1 - c0) + 0.5))]
+    return total * length / count
+
+
+@compiled
+def _straightened(cost, cells, most):
+    """Return which cells of a way are its corners, where straight lines cost no more than it."""
+    count = len(cells)
+    total = np.zeros(count)
+    for k in range(1, count):
+        r0, c0, r1, c1 = cells[k - 1, 0], cells[k - 1, 1], cells[k, 0], cells[k, 1]
+        total[k] = total[k - 1] + math.hypot(r1 - r0, c1 - c0) * 0.5 * (
+            float(cost[r0, c0]) + float(cost[r1, c1]))
+    kept = np.empty(count, np.int64)
+    kept[0], found, at = 0, 1, 0
+    while at < count - 1:
+        best = at + 1
+        for k in range(at + 2, min(at + most, count - 1) + 1):
+            if _along_line(cost, cells[at, 0], cells[at, 1], cells[k, 0],
+                           cells[k, 1]) <= total[k] - total[at] + 1e-6:
+                best = k
+        at = best
+        kept[found] = at
+        found += 1
+    return kept[:found]
