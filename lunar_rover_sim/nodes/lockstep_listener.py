@@ -100,13 +100,12 @@ class LockstepListener:
 
     def check_publishers(self) -> None:
         """Raise GraphError, naming the topics, if publishers are overdue [wall time]."""
-        limit_s = self._start_limit_s()
-        waited_s = time.monotonic() - self._last_progress_s
         # A recorder begins once all others publish.
         missing = [topic for topic in self._without_publisher
                    if topic != topics.RECORDED.name] or self._without_publisher
         if missing:
-            self._check(waited_s, limit_s, 0, dict.fromkeys(missing, 0), PUBLISHERS)
+            self._check(self._start_limit_s(), 0, dict.fromkeys(missing, 0), PUBLISHERS,
+                        is_late=False)
 
     def note_progress(self) -> None:
         """Restart the wait: time advanced, an answer came, or no answer is due."""
@@ -127,52 +126,48 @@ class LockstepListener:
         if now_ns <= STARTED_NS and not self._relays.isdisjoint(missing):
             started = False
         limit_s = self._wait.silence_s if started else self._start_limit_s()
-        self._check(time.monotonic() - self._last_progress_s, limit_s, now_ns, missing,
-                    ANSWERS if started else '')
+        self._check(limit_s, now_ns, missing, ANSWERS, is_late=started)
 
-    def _check(self, waited_s: float, limit_s: float, now_ns: int, missing: Mapping[str, int],
-               awaits: str) -> None:
-        """Raise GraphError if a wait is overdue; tell a long one.
-
-        Args:
-            awaits: PUBLISHERS, ANSWERS, or '' for the first answers, which take their time.
-        """
-        told = ANSWERS if awaits == '' else awaits
-        if waited_s >= limit_s:
-            text = self._describe_silence(limit_s, now_ns, missing)
-            tell(NodeState(WAITING, text, told, now_ns))
-            raise GraphError(text)
-        if waited_s >= _NOTICE_S and not self._told:
-            self._told = True
-            text = self._describe_silence(_NOTICE_S, now_ns, missing)
-            tell(NodeState(WAITING, text, told, now_ns))
-            if awaits == ANSWERS:
-                self._log_wait(text, limit_s)
+    def _check(self, limit_s: float, now_ns: int, missing: Mapping[str, int], awaits: str,
+               is_late: bool) -> None:
+        """Raise GraphError if a wait is overdue; tell a long one, and log it where `is_late`."""
+        waited_s = time.monotonic() - self._last_progress_s
+        is_over = waited_s >= limit_s
+        if not is_over and (self._told or waited_s < _NOTICE_S):
+            return
+        self._told = True
+        text = self._describe_silence(now_ns, missing)
+        tell(NodeState(WAITING, text, awaits, now_ns))
+        if is_over:
+            raise GraphError(f'{text}, {limit_s:.3g} s so far')
+        if is_late:
+            self._log_wait(f'{text}, {_NOTICE_S:g} s so far', limit_s)
 
     def _log_wait(self, text: str, limit_s: float) -> None:
-        if is_supervised():     # a run decides itself, by whether its nodes work
-            self._node.get_logger().info(text)
+        logger = self._node.get_logger()
+        if is_supervised():     # a run shows it, and decides by whether its nodes work
+            logger.info(text)
             return
         text += f'; waits for up to {limit_s:g} s'
         # A slow machine would repeat it at every frame.
         if self._has_warned:
-            self._node.get_logger().info(text)
+            logger.info(text)
         else:
-            self._node.get_logger().warning(text)
+            logger.warning(text)
         self._has_warned = True
 
     def _start_limit_s(self) -> float:
         """Return how long others may take to start: in a run, longer on a busy machine."""
         return self._wait.start_s * (machine_slowness() if is_supervised() else 1.0)
 
-    def _describe_silence(self, waited_s: float, now_ns: int, missing: Mapping[str, int]) -> str:
+    def _describe_silence(self, now_ns: int, missing: Mapping[str, int]) -> str:
         silent = ', '.join(
             f'{topic} (from {self._publishers(topic)}) since {ns / 1e9:.3f} s'
             + (f' ({self._refused[topic]} stamps refused)' if topic in self._refused else '')
             for topic, ns in missing.items())
         return (f'nothing on {silent}; {self._node.get_name()} waits for '
                 f'{"it" if len(missing) == 1 else "them"} at {now_ns / 1e9:.3f} s of simulated '
-                f'time, {waited_s:.3g} s so far')
+                'time')
 
     def _publishers(self, topic: str) -> str:
         infos = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
@@ -211,7 +206,7 @@ class LockstepListener:
         on_loss = self._node.guarded(lambda event: self._on_loss(topic, event))
         # In lockstep the first loss ends the node.
         events = (SubscriptionEventCallbacks(message_lost=on_loss) if self._lockstep
-                  else qos.loss_events(topics.topic_of(topic), on_loss))
+                  else qos.loss_events(topics.topic_of(topic.lstrip('/')), on_loss))
         # Messages without a handler may be large: they are not deserialised.
         raw = topic not in self._handlers
         self._node.create_subscription(message_class(type_name), topic,

@@ -16,6 +16,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from lunar_rover_sim.base.errors import GraphError
 from lunar_rover_sim.nodes.message_types import name_of
+from lunar_rover_sim.run.node_state import is_supervised
 
 # A node advertises its topics before it subscribes, or after: the graph must have been the same
 # for this long.
@@ -78,8 +79,11 @@ class ReaderDiscovery:
             self._all_there_s = None
             if now_s - self._start_s > _SLOW_S and not self._told:
                 self._told = True
-                self._node.get_logger().warning('waiting for a publisher of '
-                                                + ', '.join(missing))
+                text = 'waiting for a publisher of ' + ', '.join(missing)
+                if is_supervised():     # a run says who has not started
+                    self._node.get_logger().info(text)
+                else:
+                    self._node.get_logger().warning(text)
             return
         if self._all_there_s is None:
             self._all_there_s = now_s

@@ -101,7 +101,7 @@ class NodeProcesses:
                 step = self._note(name, self._describe_end(name))
                 if step.failure:
                     # It waited for a topic whose publisher is still starting.
-                    lacks = any(s.awaits == node_state.PUBLISHERS for s in self._told(name))
+                    lacks = self._awaited(name) == node_state.PUBLISHERS
                     late = self.unstarted() if lacks else ''
                     raise GraphError(step.failure + (f'; not started yet: {late}' if late else ''))
         return 'physics_node' in self._noted
@@ -241,9 +241,15 @@ class NodeProcesses:
         if not reason and name == RECORDER:
             # A full disk has no room for its log, but the mark of the bag has reserved some.
             reason = why_incomplete(self._folder / BAG_FOLDER) or ''
-        if any(state.awaits and state.text == reason for state in self._told(name)):
+        if self._awaited(name):
             return f'{reason} (log: {self.log(name)})'      # the fault is not its own
         return f'{name} ended with {how}: {reason or "it gave no reason"} (log: {self.log(name)})'
+
+    def _awaited(self, name: str) -> str:
+        """Return what a node has waited for in vain, and so ends; '' if it ends otherwise."""
+        reason = self._fatal_reason(name)
+        return next((s.awaits for s in self._told(name)
+                     if s.awaits and reason.startswith(s.text)), '')
 
     def _fatal_reason(self, name: str) -> str:
         """Return the reason that a node gave for its end; '' if it gave none."""

@@ -142,7 +142,8 @@ def _describe_silence(nodes: NodeProcesses, suspended: list[str], limit_s: float
     late = nodes.unstarted()
     if late:
         return f'not started within {limit_s:g} s: {late}'
-    return nodes.silent_participant(now_ns) or (
+    silent = nodes.silent_participant(now_ns)
+    return f'{silent}, {limit_s:.3g} s so far' if silent else (
         f'physics_node has been silent for {limit_s:g} s {at} '
         f'(log: {nodes.log("physics_node")})')
 
