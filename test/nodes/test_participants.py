@@ -237,7 +237,7 @@ def test_refused_velocities_are_counted_to_the_last(peer: Peer) -> None:
 @pytest.mark.parametrize('time_mode', ['real_time', 'lockstep'])
 def test_a_flood_of_answers_locks_nothing_up(peer: Peer, world_folder: Path,
                                              time_mode: str) -> None:
-    """Of 600,000 most are lost: in real time nothing waits for them, in lockstep it is an error."""
+    """Most of 600,000 are lost: nobody waits for them in real time, in lockstep an error."""
     publisher = peer.node.create_publisher(TwistStamped, 'cmd_vel', 10)
     arguments = ('-p', f'world:={world_folder}', '-p', f'time_mode:={time_mode}', '-p',
                  'wait.topics:=[cmd_vel]', '-p', 'wait.lags_s:=[0.05]')
