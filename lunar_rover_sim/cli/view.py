@@ -53,7 +53,9 @@ def view(scenario: str, speed: float, turn: float, duration: float | None, rtf: 
     gait = loaded.gait_controller()
     gait.set_velocity(speed, turn)
     node = loaded.physics_node
-    with loaded.simulation(ground) as simulation, _window(simulation) as window:
+    with loaded.simulation(ground) as simulation, contextlib.ExitStack() as shown:
+        window = shown.enter_context(_window(simulation))
+        model = simulation.model
         steps = node.state_period_ns // node.step_ns
         state, shown_s, start_s = simulation.state, 0.0, time.monotonic()
         while window.is_running():
@@ -61,6 +63,10 @@ def view(scenario: str, speed: float, turn: float, duration: float | None, rtf: 
             simulation.command(legs.velocity_radps)
             with window.lock():
                 state = simulation.advance(steps)
+            if simulation.model is not model:   # the next window of the site
+                shown.close()
+                model = simulation.model
+                window = shown.enter_context(_window(simulation))
             now_s = state.stamp_ns * 1e-9
             if duration is not None and now_s >= duration:
                 break

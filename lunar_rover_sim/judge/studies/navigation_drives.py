@@ -24,7 +24,6 @@ from lunar_rover_sim.autonomy.navigation.traversability import (belly_clearance_
 from lunar_rover_sim.autonomy.path_following.driver import DONE, Driver, STOPPED
 from lunar_rover_sim.base.errors import PhysicsError
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, path_length, se3, wxyz_from_matrix
-from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.stereo.seen_depth import SeenDepth
 from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
@@ -106,20 +105,26 @@ class Contacts:
         spokes: Of the sides of spokes with rocks.
     """
 
-    def __init__(self, simulation: Simulation, ground: HeightGrid, clearance_m: float) -> None:
-        model = simulation.model
-        self._model, self._data = model, simulation.data
-        self._ground, self._clearance_m = ground, clearance_m
+    def __init__(self, simulation: Simulation, clearance_m: float) -> None:
+        self._simulation, self._clearance_m = simulation, clearance_m
+        self._find_geoms()
+        self._last_s: dict[str, float] = {}
+        self.rocks = self.high = self.ground = self.spokes = 0
+
+    def _find_geoms(self) -> None:
+        """Find what is body, rock and ground in the model, another one in another window."""
+        model = self._model = self._simulation.model
+        self._data = self._simulation.data
         base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
         self._is_body = model.geom_bodyid == base
         self._is_rock = model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
         self._is_ground = model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD
         self._is_rod = np.array(['_rod_' in model.geom(k).name for k in range(model.ngeom)])
-        self._last_s: dict[str, float] = {}
-        self.rocks = self.high = self.ground = self.spokes = 0
 
     def add(self, time_s: float) -> None:
         """Look at the present contacts."""
+        if self._model is not self._simulation.model:
+            self._find_geoms()
         geoms = self._data.contact.geom
         if not len(geoms):
             return
@@ -141,7 +146,7 @@ class Contacts:
         vertices = self._model.mesh_vert[first:first + self._model.mesh_vertnum[mesh]]
         place = self._data.geom_xpos[rock]
         top = place[2] + float((vertices @ self._data.geom_xmat[rock][6:]).max())
-        return top - float(self._ground.height_at(place[None, :2])[0])
+        return top - float(self._simulation.world.ground.height_at(place[None, :2])[0])
 
 
 def start_of(scenario: Scenario) -> tuple[float, float]:
@@ -186,7 +191,7 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
         steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
         state = simulation.state
         poses = owned.enter_context(poses_of(pose, scenario, world, simulation, noise_seed))
-        contacts = Contacts(simulation, world.ground, belly_clearance_m(scenario.rover))
+        contacts = Contacts(simulation, belly_clearance_m(scenario.rover))
         tip = TipOver()
         navigator = Navigator(nav, limits.radius_m, world.ground.half_extent_m)
         eyes = Eyes(scenario, world, noise_seed, pose) if driver == SEEN else None

@@ -54,7 +54,7 @@ def test_contacts_of_the_belly_are_counted_by_the_height_of_the_rock(clearance_m
     top_m = float(TrueSurface(world).heights(np.array([1.3, 0.0]))[0])
     with Simulation(world, scenario.rover, scenario.physics_node) as simulation:
         model, data = simulation.model, simulation.data
-        belly = Contacts(simulation, world.ground, clearance_m)
+        belly = Contacts(simulation, clearance_m)
         rock = int(np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)[0])
         assert belly.rise_m(rock) == pytest.approx(top_m, abs=0.02) and top_m > 0.1
         for time_s, x in ((0.0, 1.3), (0.1, 1.3), (1.0, 0.0), (2.0, 1.3)):
