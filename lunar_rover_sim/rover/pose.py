@@ -64,3 +64,17 @@ class RoverPose:
     linear_velocity_mps: Array = _zeros(3)
     angular_velocity_radps: Array = _zeros(3)
     joint_velocity_radps: Array = _zeros(0)
+
+
+def moved(state: Posed, offset_m: Array) -> RoverPose:
+    """Return a state at a place that is moved by (3,) [m], in double precision."""
+    return RoverPose(moved_pose(state.T_world_base, offset_m), state.joint_angle_rad,
+                     state.linear_velocity_mps, state.angular_velocity_radps,
+                     state.joint_velocity_radps)
+
+
+def moved_pose(T: Array, offset_m: Array) -> Array:
+    """Return a (4, 4) pose whose place is moved by (3,) [m]."""
+    result = np.array(T, float)
+    result[:3, 3] += offset_m
+    return result

@@ -6,6 +6,7 @@ the coarser levels. They are not stored: the recipe and the catalogue of craters
 
 from __future__ import annotations
 
+import dataclasses
 import zlib
 
 import numpy as np
@@ -36,6 +37,12 @@ def far_rocks(world: World, reach_m: float) -> Rocks:
     Args:
         reach_m: The levels limit it too. A world whose recipe has no seed has none.
     """
+    rocks = _kept_far_rocks(world, reach_m)
+    # They are counted on from those of the world.
+    return dataclasses.replace(rocks, key=rocks.key + np.uint32(len(world.rocks)))
+
+
+def _kept_far_rocks(world: World, reach_m: float) -> Rocks:
     if not world.hash:
         return _far_rocks(world, reach_m)
 

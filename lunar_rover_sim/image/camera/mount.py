@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from lunar_rover_sim.base.frames import Array, se3
 from lunar_rover_sim.image.camera.motion import CameraTwist, ground_twist, leg_twists, twist_beside
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.rover.pose import Posed
+from lunar_rover_sim.rover.pose import moved, moved_pose, Posed
 
 
 class CameraPoses(Protocol):
@@ -109,6 +110,38 @@ class MovingMount:
         """Return its motion relative to the links of the rover, the body first."""
         return twist_beside(state, self.T_world_camera, self._velocity_mps, self._rate_radps,
                             rover)
+
+
+class MountElsewhere:
+    """A mount that moves in another frame than the one that is drawn in, which has its axes.
+
+    States that it is given, and poses that it returns, are those of the frame that is drawn in.
+    """
+
+    on_body = False
+
+    def __init__(self, mount: Mount, offset_m: Callable[[], Array]) -> None:
+        """offset_m: returns the (3,) place of the frame that is drawn in, at present."""
+        self._mount, self._offset_m = mount, offset_m
+
+    def _there(self, state: Posed) -> Posed:
+        return moved(state, self._offset_m())
+
+    def follow(self, state: Posed, stamp_ns: int = 0) -> None:
+        """Move with the rover; stamp_ns: simulated time [ns]."""
+        self._mount.follow(self._there(state), stamp_ns)
+
+    def poses(self, state: Posed) -> list[Array]:
+        """Return the (4, 4) poses of both optical frames."""
+        return [moved_pose(T, -self._offset_m()) for T in self._mount.poses(self._there(state))]
+
+    def ground_twist(self, state: Posed, side: int) -> CameraTwist:
+        """Return the motion of a camera (0 left, 1 right) relative to the world."""
+        return self._mount.ground_twist(self._there(state), side)
+
+    def link_twists(self, state: Posed, side: int, rover: RoverDescription) -> list[CameraTwist]:
+        """Return its motion relative to the links of the rover, the body first."""
+        return self._mount.link_twists(self._there(state), side, rover)
 
 
 class TurnedMount:

@@ -74,11 +74,13 @@ class ShadowLevel:
     """
 
     def __init__(self, grid: HeightGrid, sun: SunGeometry, outer: ShadowLevel | None,
-                 heights_m: F32 | None = None) -> None:
+                 heights_m: F32 | None = None,
+                 origin_m: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Sweep a grid; origin_m: of its frame, in the site."""
         self.grid = grid
         self.sun = sun
         self.heights_m = grid.heights_m if heights_m is None else heights_m
-        self.shadow_m = _sweep(self.heights_m, grid.cell_m, sun, outer)
+        self.shadow_m = _sweep(self.heights_m, grid.cell_m, sun, outer, origin_m)
 
     def shadow_at(self, xy_m: ArrayLike, *, with_ground: bool = False) -> NDArray[np.floating]:
         """Return (3, ...) shadow heights [m] at (..., 2) positions, bilinear, clamped."""
@@ -157,22 +159,30 @@ def disc_fraction(angle_rad: ArrayLike, radius_rad: float) -> NDArray[np.float64
     return 0.5 + (x * np.sqrt(1.0 - x * x) + np.arcsin(x)) / np.pi
 
 
-def shadow_levels(levels: Sequence[HeightGrid], sun: SunGeometry) -> list[ShadowLevel]:
-    """Return the shadow boundaries of nested grids (finest first), outer relief included."""
+def shadow_levels(levels: Sequence[HeightGrid], sun: SunGeometry,
+                  origin_m: tuple[float, float] = (0.0, 0.0)) -> list[ShadowLevel]:
+    """Return the shadow boundaries of nested grids (finest first), outer relief included.
+
+    Args:
+        origin_m: Of the frame of the grids, in the site: all its windows are swept along the same
+            lines.
+    """
     result: list[ShadowLevel] = []
     outer: ShadowLevel | None = None
     for grid in reversed(levels):
-        outer = ShadowLevel(grid, sun, outer)
+        outer = ShadowLevel(grid, sun, outer, origin_m=origin_m)
         result.insert(0, outer)
     return result
 
 
-def _sweep(heights_m: F32, cell_m: float, sun: SunGeometry, outer: ShadowLevel | None) -> F32:
+def _sweep(heights_m: F32, cell_m: float, sun: SunGeometry, outer: ShadowLevel | None,
+           origin_m: tuple[float, float]) -> F32:
     """Return (3, n, n) shadow heights [m]; see the description of this module.
 
     The grid is turned so that the sun lies towards larger rows and not towards smaller columns;
     a line towards the sun then crosses every row, `shear` columns farther each time. Lines are a
-    whole column apart, so that within a row all samples have the same fractional position.
+    whole column apart, so that within a row all samples have the same fractional position: that
+    of the row's place in the site.
     """
     sx, sy = sun.direction_xy
     swap = abs(sx) > abs(sy)
@@ -188,23 +198,26 @@ def _sweep(heights_m: F32, cell_m: float, sun: SunGeometry, outer: ShadowLevel |
     n = z.shape[0]
     tangent = np.tan(sun.sweep_rad).astype(np.float32)[:, None]
     drop = np.float32(cell_m * np.hypot(1.0, shear)) * tangent
-    offset = int(np.ceil(shear * (n - 1)))
+    first_row = round(origin_m[1 if not swap else 0] / cell_m) * (-1 if flip_rows else 1)
+    phase = shear * first_row - np.floor(shear * first_row)
+    offset = int(np.ceil(shear * (n - 1) + phase))
     lines = n + offset
     current = np.full((3, lines), _NOTHING, np.float32)
     if outer is not None:
         column = np.arange(lines) - offset
         with np.errstate(divide='ignore', invalid='ignore'):
-            row = np.minimum(n - 1.0, np.floor((n - 1 - column) / shear) if shear > 0.0
+            row = np.minimum(n - 1.0, np.floor((n - 1 - column - phase) / shear) if shear > 0.0
                              else np.full(lines, n - 1.0))
-        entry = np.stack([row + 1.0, column + shear * (row + 1.0)], axis=-1) - 0.5 * (n - 1)
+        entry = np.stack([row + 1.0, column + phase + shear * (row + 1.0)],
+                         axis=-1) - 0.5 * (n - 1)
         entry[:, 0] *= -1.0 if flip_rows else 1.0
         entry[:, 1] *= -1.0 if flip_columns else 1.0
         xy = (entry if swap else entry[:, ::-1]) * cell_m
         current[:] = outer.shadow_at(xy, with_ground=True)
     rows = np.arange(n)
-    whole = np.floor(shear * rows).astype(np.int64)
-    result = _swept(z, current, drop[:, 0], offset - whole,
-                    (shear * rows - whole).astype(np.float32))
+    along = shear * rows + phase
+    whole = np.floor(along).astype(np.int64)
+    result = _swept(z, current, drop[:, 0], offset - whole, (along - whole).astype(np.float32))
     for k in range(3):
         shadow = result[k, ::-1] if flip_rows else result[k]
         shadow = shadow[:, ::-1] if flip_columns else shadow

@@ -31,7 +31,8 @@ class Sunlight:
     Attributes:
         rocks: Those of the world, and the far ones behind them.
         rock_share: Per level but the first, (n, n) uint8 share in the shadow of rocks; 255 is all.
-        clearance: Per level (clearance_m, occluder_m), each (n, n) float32; see `horizon`.
+        clearance: Per level (clearance_m, occluder_m), each (n, n) float32; see `horizon`. Empty
+            after `forget_clearance`.
         scattered: Per level indirect irradiance and lit surroundings; see `indirect_light`.
     """
 
@@ -41,7 +42,7 @@ class Sunlight:
         start = time.perf_counter()
         self.world = world
         self.sun = SunGeometry.towards(direction)
-        levels = shadow_levels(world.levels, self.sun)
+        levels = shadow_levels(world.levels, self.sun, world.origin_m)
         self.clearance = [level.clearance() for level in levels]
         self._levels = levels
         self.rocks = world.rocks.joined(far) if far is not None else world.rocks
@@ -74,6 +75,10 @@ class Sunlight:
                              np.float32)
         share = np.asarray(cv2.resize(lit, size, interpolation=cv2.INTER_AREA), np.float32)
         return indirect_light(heights, grid.cell_m * grid.n / n, share, direction, albedo)
+
+    def forget_clearance(self) -> None:
+        """Drop what only the texels of the ground need."""
+        self.clearance.clear()
 
     def light_of(self, points_m: ArrayLike) -> tuple[F32, F32]:
         """Return clearance and occluder distance of (m, 3) points, without rocks [m]."""

@@ -28,10 +28,23 @@ class CraterLists(NamedTuple):
     Attributes:
         cells: (levels, n, n, 2) first entry of each cell's list, and the one after the last.
         entries: (m, 4) centre x, y [m], square of the radius [m2], number in the image of craters.
+        craters: (m,) their places in the catalogue.
     """
 
     cells: F32
     entries: F32
+    craters: NDArray[np.int64]
+
+    @property
+    def of_shape(self) -> tuple[F32, F32]:
+        """What `truth_rows.shape_of` takes."""
+        return self.cells, self.entries
+
+    def numbered(self, numbers: NDArray[np.uint16]) -> CraterLists:
+        """Return the lists with other numbers of the craters in the image."""
+        entries = self.entries.copy()
+        entries[:, 3] = numbers[self.craters]
+        return self._replace(entries=entries)
 
 
 def crater_lists(craters: Craters, half_extents_m: list[float],
@@ -46,6 +59,7 @@ def crater_lists(craters: Craters, half_extents_m: list[float],
     numbers = np.minimum(order + FIRST_CRATER, LAST_LABEL)
     spans = np.zeros((len(half_extents_m), cells, cells, 2), np.float32)
     parts: list[F32] = []
+    places = [np.zeros(0, np.int64)]
     total = 0
     for level, half_m in enumerate(half_extents_m):
         chosen = craters.level[order] >= level
@@ -57,8 +71,9 @@ def crater_lists(craters: Craters, half_extents_m: list[float],
         parts.append(np.column_stack([
             ordered.position_m[rank], (0.5 * ordered.diameter_m[rank])**2,
             number[rank]]).astype(np.float32))
+        places.append(order[chosen][rank])
         total += len(rank)
-    return CraterLists(spans, np.concatenate(parts))
+    return CraterLists(spans, np.concatenate(parts), np.concatenate(places))
 
 
 def _touched(craters: Craters, half_m: float, cells: int) -> tuple[Indices, Indices]:

@@ -40,6 +40,30 @@ class SeenTracks(NamedTuple):
     raised: F32 = _NOWHERE
 
 
+class GroundHeights(NamedTuple):
+    """The heights of all grids of a world, as compiled loops take them.
+
+    Attributes:
+        heights, levels, offsets: Of `ground_rays.cast`.
+        steepest: Greatest slope of the grids.
+    """
+
+    heights: F32
+    levels: F32
+    offsets: NDArray[np.int64]
+    steepest: float
+
+    @classmethod
+    def of(cls, world: World) -> GroundHeights:
+        """Gather the heights of a world in a frame of its own."""
+        grids = world.levels
+        return cls(
+            read_only(np.concatenate([grid.heights_m.ravel() for grid in grids]), np.float32),
+            np.array([[1.0 / grid.cell_m, 0.5 * (grid.n - 1), grid.n - 2.0, grid.half_extent_m]
+                      for grid in grids], np.float32),
+            np.cumsum([0, *(grid.n**2 for grid in grids)]), max(map(_steepest, grids)))
+
+
 class Ground:
     """The ground of a world, and the depth of it in an image.
 
@@ -47,18 +71,19 @@ class Ground:
         relief: The shape of the relief below the grid.
     """
 
-    def __init__(self, world: World, detail: DetailConfig, surface: Surface) -> None:
-        """Gather the heights; surface: has the relief below the grid."""
-        grids = world.levels
-        self._heights = read_only(np.concatenate([grid.heights_m.ravel() for grid in grids]),
-                                  np.float32)
-        self._offsets = np.cumsum([0, *(grid.n**2 for grid in grids)])
-        self._levels = np.array([[1.0 / grid.cell_m, 0.5 * (grid.n - 1), grid.n - 2.0,
-                                  grid.half_extent_m] for grid in grids], np.float32)
-        self._steepest = max(_steepest(grid) for grid in grids)
+    def __init__(self, world: World, detail: DetailConfig, surface: Surface,
+                 heights: GroundHeights | None = None) -> None:
+        """Gather the heights, unless they are given; surface: has the relief below the grid."""
         reach_m = 0.0 if surface.tiles.flat else detail.relief_shape_m
-        self._relief = ReliefMap(surface, grids[0], reach_m) if reach_m > 0.0 else None
+        self._relief = ReliefMap(surface, reach_m) if reach_m > 0.0 else None
         self._tracks: TrackMap | None = None
+        self.enter(world, GroundHeights.of(world) if heights is None else heights)
+
+    def enter(self, world: World, heights: GroundHeights) -> None:
+        """Be the ground of another window of the site; heights: its own."""
+        self._heights = heights
+        if self._relief is not None:
+            self._relief.enter(world.ground)
 
     @property
     def relief(self) -> ReliefShape:
@@ -108,8 +133,8 @@ class Ground:
         arrays = NO_TRACKS if self._tracks is None else self._tracks.arrays
         relief, box = self.relief, tracks.raised
         cast(depth, first, last, view.numbers,
-             np.array([projection.near_m, projection.far_m, self._steepest], np.float32),
-             self._heights, self._levels, self._offsets, relief.shape, relief.numbers,
+             np.array([projection.near_m, projection.far_m, self._heights.steepest], np.float32),
+             *self._heights[:3], relief.shape, relief.numbers,
              np.array([*view.middle, relief.reach_m], np.float32), bool(box[0] <= box[1]), box,
              *arrays.of_shape)
 

@@ -100,12 +100,13 @@ def _grid_heights(s, place, heights, levels, offsets):  # type: ignore[no-untype
 def _soil_at(x, y, windows, touched, near, n):  # type: ignore[no-untyped-def]
     """Return height change [m], and the share of the relief below the grid that is left there."""
     tiles = len(touched)
-    i, _, _ = wrapped(x * windows[2], tiles, _ZERO)
-    j, _, _ = wrapped(y * windows[2], tiles, _ZERO)
+    east_m, north_m = x + windows[6], y + windows[7]
+    i, _, _ = wrapped(east_m * windows[2], tiles, _ZERO)
+    j, _, _ = wrapped(north_m * windows[2], tiles, _ZERO)
     if not touched[j, i] or max(abs(x - windows[4]), abs(y - windows[5])) >= windows[1]:
         return _ZERO, _ONE
-    i, east, u = wrapped(x * windows[0], n, _ZERO)
-    j, north, v = wrapped(y * windows[0], n, _ZERO)
+    i, east, u = wrapped(east_m * windows[0], n, _ZERO)
+    j, north, v = wrapped(north_m * windows[0], n, _ZERO)
     rise, pressed = _ZERO, _ZERO
     for k in range(4, 6):
         low = near[j * n + i, k] + u * (near[j * n + east, k] - near[j * n + i, k])

@@ -3,7 +3,8 @@
 Labels are 16 bits, so that an image of them is `mono16`. Rocks have one each: 16 + their index in
 the catalogue of the world, and after those the far rocks (`world.far_rocks`). Craters have an
 image of their own, since a rock may lie in one: 1 + their index in the catalogue, 0 outside all.
-Whatever is beyond 65535 shares that number.
+Whatever is beyond 65535 shares that number. In the next window of a site rocks and craters keep
+their numbers, and new ones take those that are free, see `Numbers`.
 """
 
 from __future__ import annotations
@@ -25,6 +26,48 @@ FIRST_CRATER = 1
 
 METHOD = 'drawn by the renderer'
 _DIGITS = 4         # of metres in the vocabulary
+
+
+class Numbers:
+    """Gives rocks, or craters, numbers of 16 bits that stay theirs over the windows of a site.
+
+    When none is free, new ones take the numbers of those that are out of the window for longest.
+    """
+
+    def __init__(self, first: int) -> None:
+        self._first = first
+        # Those not in the present window come first, the one that left first before all.
+        self._keys, self._numbers = np.zeros(0, np.uint64), np.zeros(0, np.int64)
+
+    def of(self, keys: NDArray[np.uint32]) -> NDArray[np.uint16]:
+        """Return the (m,) numbers of what has these keys and is in the window from now on."""
+        present = _distinct(keys)
+        stays = np.isin(self._keys, present)
+        known, left = (self._keys[which] for which in (stays, ~stays))
+        left_numbers = self._numbers[~stays]
+        new = present[~np.isin(present, known)]
+        free = np.setdiff1d(np.arange(self._first, LAST_LABEL + 1), self._numbers)
+        taken = max(min(len(new) - len(free), len(left)), 0)
+        numbers = np.concatenate([free, left_numbers[:taken]])[:len(new)]
+        self._numbers = np.concatenate([left_numbers[taken:], self._numbers[stays], numbers])
+        self._keys = np.concatenate([left[taken:], known, new[:len(numbers)]])
+        result = np.full(len(keys), LAST_LABEL, np.uint16)
+        order = np.argsort(present)
+        found = np.isin(self._keys, present)
+        result[order[np.searchsorted(present, self._keys[found], sorter=order)]] = (
+            self._numbers[found])
+        return result
+
+
+def _distinct(keys: NDArray[np.uint32]) -> NDArray[np.uint64]:
+    """Return keys that differ, also where two of (m,) are the same by chance."""
+    order = np.argsort(keys, kind='stable')
+    ordered = keys[order]
+    starts = np.flatnonzero(np.append(True, ordered[1:] != ordered[:-1])[:len(keys)])
+    again = np.arange(len(keys)) - np.repeat(starts, np.diff(np.append(starts, len(keys))))
+    result = keys.astype(np.uint64)
+    result[order] += again.astype(np.uint64) << np.uint64(32)
+    return result
 
 
 def rover_links(label: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:

@@ -57,13 +57,20 @@ class LightConstants:
         return self.sun[[0, 1, 2, 6]]
 
     @classmethod
-    def of(cls, config: RenderConfig, world_seed: int) -> LightConstants:
-        """Return the constants under the sun of `config`; world_seed: places patches of colour."""
+    def of(cls, config: RenderConfig, world_seed: int,
+           origin_m: tuple[float, float] = (0.0, 0.0)) -> LightConstants:
+        """Return the constants under the sun of `config`.
+
+        Args:
+            world_seed: Places patches of colour.
+            origin_m: Of the frame that is drawn in, in the site.
+        """
         matter, tracks, sun = config.reflectance, config.tracks, config.sun
         ground, rocks = (hapke.parameter_set(name) for name in (matter.ground, matter.rocks))
         direction = sun_direction(sun.azimuth_deg, sun.elevation_deg)
         horizontal = max(math.hypot(*direction[:2]), 0.02)  # stays finite for a sun overhead
         place = np.random.default_rng([max(world_seed, 0), *b'colour']).uniform(-5e3, 5e3, 2)
+        place += origin_m
         spread, fresh = matter.colour_spread, matter.colour_of_fresh
 
         def vector(*numbers: float) -> F32:

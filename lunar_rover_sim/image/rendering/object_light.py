@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.base.workers import Workers
 from lunar_rover_sim.image.illumination.hapke import fill_reflectance
 from lunar_rover_sim.image.rendering.ground_band import GroundSource
-from lunar_rover_sim.image.rendering.labels import LABEL_FIRST_ROCK, LAST_LABEL, link_label
+from lunar_rover_sim.image.rendering.labels import link_label
 from lunar_rover_sim.image.rendering.lamp_rows import add_lamp, lamp_on_objects
 from lunar_rover_sim.image.rendering.object_rows import (angles, count, find, mixed, rock_radiance,
                                                          rock_surface, scatter)
@@ -98,15 +98,19 @@ class Surfaces:
         link[shows] = 1 + parts[-1 - number[shows], 0].astype(np.uint8)
         return link
 
-    def labels(self, parts: F32) -> NDArray[np.uint16]:
-        """Return (h, w) labels of rocks and the rover, 0 elsewhere."""
+    def labels(self, parts: F32, rocks: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        """Return (h, w) labels of rocks and the rover, 0 elsewhere.
+
+        Args:
+            rocks: (m,) those of the rocks.
+        """
         number = self.surface[..., 1].astype(np.int32)
-        label = np.minimum(number.astype(np.int64) + LABEL_FIRST_ROCK, LAST_LABEL)
-        rover = number < 0
-        of_link = np.array([link_label(int(part[0])) for part in parts])
-        label[rover & (self.depth_m < 0.0)] = of_link[
-            -1 - number[rover & (self.depth_m < 0.0)]]
-        return np.where(self.depth_m < 0.0, label, 0).astype(np.uint16)
+        label = np.zeros(number.shape, np.uint16)
+        of_link = np.array([link_label(int(part[0])) for part in parts], np.uint16)
+        shows = self.depth_m < 0.0
+        rover, rock = shows & (number < 0), shows & (number >= 0)
+        label[rover], label[rock] = of_link[-1 - number[rover]], rocks[number[rock]]
+        return label
 
 
 @dataclasses.dataclass(frozen=True)
@@ -212,10 +216,15 @@ def _light_rover(source: ObjectSource, view: ViewNumbers, places: NDArray[np.int
 
 
 def tell_objects(truth: dict[str, NDArray[Any]], surfaces: Surfaces, parts: F32,
-                 face: NDArray[np.float32] | None) -> None:
-    """Fill in labels and normals of rocks and the rover; face: (h, w, 3) true normals."""
+                 rocks: NDArray[np.uint16], face: NDArray[np.float32] | None) -> None:
+    """Fill in labels and normals of rocks and the rover.
+
+    Args:
+        rocks: (m,) labels.
+        face: (h, w, 3) true normals.
+    """
     shows = surfaces.depth_m < 0.0
     if 'label' in truth:
-        np.copyto(truth['label'], surfaces.labels(parts), where=shows)
+        np.copyto(truth['label'], surfaces.labels(parts, rocks), where=shows)
     if 'normal' in truth and face is not None:
         np.copyto(truth['normal'], face, where=shows[..., None])

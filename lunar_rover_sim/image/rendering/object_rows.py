@@ -120,7 +120,7 @@ def rock_surface(numbers, at, table, words, side, first, sun,  # type: ignore[no
     Args:
         numbers: (n,) of rocks.
         at: (10, n) as `find` fills it in.
-        table: (m, 20) as `rock_pass.rock_table`.
+        table: (m, 21) as `rock_pass.rock_table`.
         words, side, first: Tile of the relief below the grid, as `MipTexels`.
         sun: (4,) unit vector to it, radius of its disc [rad].
         constants: Size of a pixel at depth 1; roughness, 1 is usual; height of the camera [m].
@@ -131,7 +131,8 @@ def rock_surface(numbers, at, table, words, side, first, sun,  # type: ignore[no
     rough, most = constants[1], np.float32(side[0])
     for k in range(len(numbers)):
         number = numbers[k]
-        rock, index = table[number], np.float32(number)
+        rock = table[number]
+        index = rock[20]
         a, b, d = at[1, k] - rock[0], at[2, k] - rock[1], at[3, k] + constants[2] - rock[2]
         p = a * rock[3] + b * rock[4] + d * rock[5]
         q = a * rock[6] + b * rock[7] + d * rock[8]

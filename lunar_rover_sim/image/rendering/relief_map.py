@@ -52,13 +52,8 @@ class ReliefMap:
         shape: For compiled loops.
     """
 
-    def __init__(self, surface: Surface, grid: HeightGrid, reach_m: float) -> None:
-        """Allocate the map.
-
-        Args:
-            surface: Has the tiles.
-            grid: The ground that the relief lies on.
-        """
+    def __init__(self, surface: Surface, reach_m: float) -> None:
+        """Allocate the map, before `enter`; surface: has the tiles."""
         self._surface = surface
         tiles = surface.tiles
         side = _BLOCK * _BLOCKS
@@ -68,8 +63,11 @@ class ReliefMap:
                        for tile, times in ((tiles.coarse, 0), (tiles.fine, FINER))]
         most_m = float(tiles.coarse.heights.max() + tiles.fine.heights.max())
         self.shape = ReliefShape(np.zeros((side, side + _BESIDE), np.uint32), np.array(
-            [1.0 / (_BLOCKS * _BLOCK_M), most_m, grid.half_extent_m - grid.cell_m], np.float32),
-            reach_m)
+            [1.0 / (_BLOCKS * _BLOCK_M), most_m, 0.0], np.float32), reach_m)
+
+    def enter(self, grid: HeightGrid) -> None:
+        """Lie on the ground of another window, whose frame has another place in the site."""
+        self.shape.numbers[2] = grid.half_extent_m - grid.cell_m
         self._drawn: NDArray[np.int64] = np.full((_BLOCKS, _BLOCKS, 2), np.iinfo(np.int64).max)
 
     def update(self, volume: ViewVolume, before: Callable[[], None]) -> None:

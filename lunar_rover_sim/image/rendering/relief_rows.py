@@ -7,11 +7,16 @@ copy is drawn where two cells meet, so that a pebble and its shadow stay whole.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim.base.compiled import inlined, vectorised
 from lunar_rover_sim.image.rendering.row_math import (any_positive, byte, CHUNK, NO_PIXELS,
                                                       packed_shape, PAGE)
+
+F32 = NDArray[np.float32]
 
 _N, _PAGE = CHUNK, PAGE
 _X, _Y, _LEAD, _LEVEL, _U, _V, _PART, _WHOLE = (k * _PAGE for k in range(8))
@@ -35,6 +40,29 @@ _EDGE = np.float32(20.0)        # how sharply a copy ends where the next one beg
 _SOFT = np.float32(3.0)         # the same of shape, over some centimetres and without a step
 
 
+def place_in_site(tile: F32, origin_m: tuple[float, float]) -> F32:
+    """Return where a frame lies in the pattern of the relief, which is one for all of a site.
+
+    Numbers are reduced in double precision: of a place in the site, float32 would lose the texels.
+
+    Args:
+        tile: (3,) 1 / periods of the tiles and 1 / side of the cells [1/m].
+        origin_m: Of the frame, in the site.
+
+    Returns:
+        (10,) all 0 for the origin of the site: phases of the bends along x and y; place within a
+        cell, and its column and row; phases in the coarse tile and in the fine one, x and y each.
+    """
+    a, b, cell = (float(scale) for scale in tile)
+    x, y = origin_m
+    q = cell * y
+    p, q = cell * x - float(_SLANT) * q, float(_UPRIGHT) * q
+    column, row = math.floor(p), math.floor(q)
+    phases = [number % 1.0 for number in (float(_BENT) * x, float(_BENT) * y)]
+    return np.array([*phases, p - column, q - row, column, row,
+                     *(number % 1.0 for number in (a * x, a * y, b * x, b * y))], np.float32)
+
+
 @inlined
 def _shuffled(i, j):  # type: ignore[no-untyped-def]
     """Return 32 random bits of a cell."""
@@ -52,15 +80,17 @@ def _find_places(s, cells, tile, zone):  # type: ignore[no-untyped-def]
     is, over the zone in which the second one may be drawn.
     """
     a_scale, b_scale, cell_scale = tile[0], tile[1], tile[2]
+    bend_x, bend_y, first_p, first_q = tile[3], tile[4], tile[5], tile[6]
+    first_i, first_k = np.int32(tile[7]), np.int32(tile[8])
     for j in range(_N):
         # A bent lattice and bent relief: no homography maps one copy to another.
-        u, v = _BENT * s[_Y + j], _BENT * s[_X + j]
+        u, v = _BENT * s[_Y + j] + bend_y, _BENT * s[_X + j] + bend_x
         u, v = u - np.floor(u) - _HALF, v - np.floor(v) - _HALF
         s[_U + j] = s[_X + j] + _WAVE * u * (_ONE - _TWO * abs(u))
         s[_V + j] = s[_Y + j] + _WAVE * v * (_ONE - _TWO * abs(v))
     for j in range(_N):
         p, q = s[_U + j] * cell_scale, s[_V + j] * cell_scale
-        p, q = p - _SLANT * q, _UPRIGHT * q
+        p, q = (p - _SLANT * q) + first_p, _UPRIGHT * q + first_q
         column, row = np.floor(p), np.floor(q)
         p, q = p - column, q - row
         upper = p + q > _ONE
@@ -68,7 +98,7 @@ def _find_places(s, cells, tile, zone):  # type: ignore[no-untyped-def]
         w0 = p + q - _ONE if upper else _ONE - p - q
         w1 = _ONE - q if upper else p
         w2 = _ONE - p if upper else q
-        i, k, step = np.int32(column), np.int32(row), np.int32(upper)
+        i, k, step = np.int32(column) + first_i, np.int32(row) + first_k, np.int32(upper)
         second_leads = w1 > w0
         most, next_most = max(w0, w1), min(w0, w1)
         i1 = i + np.int32(1) if second_leads else i + step
@@ -91,6 +121,11 @@ def _find_places(s, cells, tile, zone):  # type: ignore[no-untyped-def]
             s[place + _PAGE + j] = v * a_scale + byte(h >> np.uint32(8)) * _FRACTION
             s[place + 2 * _PAGE + j] = u * b_scale + byte(h >> np.uint32(16)) * _FRACTION
             s[place + 3 * _PAGE + j] = v * b_scale + byte(h >> np.uint32(24)) * _FRACTION
+        # Of the frame in the periods of the tiles.
+        for page in range(4):
+            own = tile[9 + page]
+            for j in range(_N):
+                s[place + page * _PAGE + j] += own
 
 
 @vectorised
@@ -202,7 +237,7 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
 
     Args:
         depth, x, y, detail: (n,) as `ground_place.place` and `grid_rows.light_of_grid` fill them.
-        tile: 1 / periods of the tiles and 1 / side of the cells [1/m].
+        tile: (13,) 1 / periods of the tiles and 1 / side of the cells [1/m]; `place_in_site`.
         zone: Of the way to the middle of a cell, where the next one may be drawn.
         horizon: Centre and half range of tangents.
         coarse, coarse_side, coarse_first: A tile as `mip_texels.MipTexels`: slope x, slope y,

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import collections
 from collections.abc import Collection, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 import contextlib
 import dataclasses
 from types import TracebackType
 
 import moderngl
+import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim.base.errors import RenderError
 from lunar_rover_sim.base.frames import sun_direction
@@ -17,7 +21,7 @@ from lunar_rover_sim.ground.world.rocks import Rocks
 from lunar_rover_sim.image.camera.config import (FurtherCameraConfig, MiscalibrationConfig,
                                                  SensorConfig)
 from lunar_rover_sim.image.camera.fisheye import FisheyeCamera, geometry_of
-from lunar_rover_sim.image.camera.mount import BodyMount, Mount
+from lunar_rover_sim.image.camera.mount import BodyMount, Mount, MountElsewhere
 from lunar_rover_sim.image.camera.rig import PinholeCamera, StereoRig
 from lunar_rover_sim.image.camera.sensor import SensorModel
 from lunar_rover_sim.image.illumination.config import SunConfig
@@ -26,23 +30,28 @@ from lunar_rover_sim.image.rendering.canvas import FRAMES_UNDER_WAY
 from lunar_rover_sim.image.rendering.checked_state import checked_state
 from lunar_rover_sim.image.rendering.config import RenderConfig
 from lunar_rover_sim.image.rendering.context import create_context
+from lunar_rover_sim.image.rendering.drawn_window import DrawnWindow
 from lunar_rover_sim.image.rendering.frame import StereoFrame
 from lunar_rover_sim.image.rendering.pinhole_face import check_size, padded_projection
 from lunar_rover_sim.image.rendering.scene import Request
 from lunar_rover_sim.image.rendering.world_light import WorldLight
 from lunar_rover_sim.image.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.rover.pose import Posed
+from lunar_rover_sim.rover.pose import moved, Posed, RoverPose
 
 
 class Renderer:
     """Draws what the rover's cameras see. It owns the GL context: use it as a context manager.
+
+    Poses are in the frame of the world that it is given, a window of a site: that of the site.
+    What depends on the place in the site looks the same from all windows.
 
     Args:
         config: Parameters of the drawing.
         seed: Of the noise of the sensors.
 
     Attributes:
+        world: The window that is drawn.
         rig: The cameras.
         sensor: Their image sensors.
         sun_direction: (3,) unit vector to the sun, world frame.
@@ -64,12 +73,16 @@ class Renderer:
         self._context = create_context()
         self._owned = contextlib.ExitStack()
         self._closed = self.follows = False
+        self._pool = ThreadPoolExecutor(1)
+        self._coming: tuple[World, Future[tuple[DrawnWindow, WorldLight]]] | None = None
+        self._early = collections.deque[StereoFrame]()  # finished before a window was entered
         try:
             with self._context:
                 projection = padded_projection(self.rig, config)
                 # Before what takes seconds.
                 check_size(self._context, projection, config.detail.supersampling)
-                self._shared = WorldPasses(self._context, world, rover, config, seed)
+                self._shared = WorldPasses(self._context, *self._prepared(world), rover, config,
+                                           seed)
                 self._owned.callback(self._shared.release)
                 self._pair = CameraRenderer(self._context, self._shared, BodyMount(self.rig),
                                             self.rig, config, seed)
@@ -110,6 +123,8 @@ class Renderer:
                                   detail=self.config.detail.with_samples(samples))
         seed = self.seed + len(self._further) + 1 if seed is None else seed
         camera = geometry_of(config)
+        if not mount.on_body:
+            mount = MountElsewhere(mount, lambda: self._shared.offset_m)
         with self._drawing():
             drawn = CameraRenderer(self._context, self._shared, mount, camera, own, seed)
             self._owned.callback(drawn.release)
@@ -137,12 +152,18 @@ class Renderer:
         return self._shared.light_of(sun)
 
     def show_sun(self, light: WorldLight) -> None:
-        """Move the sun; light: as `light_of` returned it, to be used once.
+        """Move the sun.
+
+        Args:
+            light: As `light_of` returned it. If another window has been entered since, the light
+                of that is computed now.
 
         Raises:
             RenderError: Between `begin` and `finish`.
         """
         self._check_idle('show_sun')
+        if light.sunlight.world is not self._shared.world:
+            light = self.light_of(light.sun)
         self.config = dataclasses.replace(self.config, sun=light.sun)
         self.sun_direction = sun_direction(light.sun.azimuth_deg, light.sun.elevation_deg)
         with self._drawing():
@@ -176,10 +197,69 @@ class Renderer:
         with self._drawing():
             self._shared.follow(overlay)
 
+    # Windows of a site
+
+    def ahead(self, world: World) -> None:
+        """Begin to prepare another window of the site in a thread, beside the drawing.
+
+        `enter` takes a few tenths of a second then.
+        """
+        self._check_open()
+        if self._coming is None or self._coming[0] is not world:
+            self._coming = world, self._pool.submit(self._prepared, world)
+
+    def enter(self, world: World) -> None:
+        """Draw another window of the site from now on; nothing else changes.
+
+        Frames that are under way are those of the window before.
+
+        Args:
+            world: In the same frame as that of the constructor, with the same shapes of rocks.
+
+        Raises:
+            RenderError: If it is of another site, if the renderer is closed, or if the context is
+                lost.
+        """
+        self._check_open()
+        before = self._shared.world.rock_shapes
+        if len(before) != len(world.rock_shapes) or not all(
+                np.array_equal(a.vertices, b.vertices) and np.array_equal(a.faces, b.faces)
+                for a, b in zip(before, world.rock_shapes)):
+            raise RenderError('enter: the world has other shapes of rocks; valid is a window of '
+                              'the same site')
+        coming, self._coming = self._coming, None
+        window, light = (coming[1].result() if coming is not None and coming[0] is world
+                         else self._prepared(world))
+        if light.sun != self.config.sun:    # it has moved meanwhile
+            light = window.light(self.config, self.seed)
+        with self._drawing():
+            while self._pair.under_way:
+                self._early.append(self._pair.finish())
+            self._shared.enter(window, light)
+        self.world = world
+
+    def _prepared(self, world: World) -> tuple[DrawnWindow, WorldLight]:
+        """Return all of a window that needs no GL."""
+        window = DrawnWindow.of(world, self.config)
+        return window, window.light(self.config, self.seed)
+
+    # What is in it
+
     @property
     def rocks(self) -> Rocks:
-        """The rocks that are drawn, near and far, in the order of their labels."""
-        return self._shared.rocks.rocks
+        """The rocks that are drawn, near and far, in the frame of the site."""
+        rocks = self._shared.rocks.rocks
+        return dataclasses.replace(rocks, position_m=rocks.position_m + self._shared.offset_m)
+
+    @property
+    def rock_labels(self) -> NDArray[np.uint16]:
+        """(m,) labels of `rocks`; a rock keeps its own in all windows, see `labels.Numbers`."""
+        return self._shared.rock_labels
+
+    @property
+    def crater_numbers(self) -> NDArray[np.uint16]:
+        """(m,) numbers of `world.craters` in the layer crater."""
+        return self._shared.crater_numbers
 
     @property
     def device(self) -> str:
@@ -221,10 +301,12 @@ class Renderer:
                              None if other is None else checked_state(other, self._legs))
         checked = checked_state(state, self._legs)
         self._check_open()
-        if self._pair.under_way == FRAMES_UNDER_WAY:
+        if self._under_way == FRAMES_UNDER_WAY:
             raise RenderError(f'begin: {FRAMES_UNDER_WAY} frames are under way; finish one first')
+        if request.other is not None:
+            request = dataclasses.replace(request, other=self._here(request.other))
         with self._drawing():
-            self._pair.begin(checked, request)
+            self._pair.begin(self._here(checked), request)
 
     def finish(self) -> StereoFrame:
         """Return the frame that was begun first.
@@ -232,6 +314,8 @@ class Renderer:
         Raises:
             RenderError: If none is under way, or if the context is lost.
         """
+        if self._early:
+            return self._early.popleft()
         if not self._pair.under_way:
             raise RenderError('finish: no frame is under way; begin one first')
         with self._drawing():
@@ -245,7 +329,15 @@ class Renderer:
         self._check_open()
         self._check_one_under_way('render')
         with self._drawing():
-            return camera.draw(checked, request)
+            return camera.draw(self._here(checked), request)
+
+    def _here(self, state: RoverPose) -> RoverPose:
+        """Return a state in the frame that is drawn in, which single precision holds."""
+        return moved(state, -self._shared.offset_m)
+
+    @property
+    def _under_way(self) -> int:
+        return self._pair.under_way + len(self._early)
 
     def _check_open(self) -> None:
         if self._closed:
@@ -256,7 +348,7 @@ class Renderer:
             raise RenderError(f'{name}: two frames are under way; finish one first')
 
     def _check_idle(self, name: str) -> None:
-        if self._pair.under_way:
+        if self._under_way:
             raise RenderError(f'{name}: a frame is under way; finish it first')
 
     @contextlib.contextmanager
@@ -273,6 +365,7 @@ class Renderer:
             raise RenderError(f'drawing failed, the GL context may be lost: {error}') from error
 
     def _abandon(self) -> None:
+        self._early.clear()
         for camera in (self._pair, *(further.drawn for further in self._further)):
             camera.abandon()
 
@@ -287,6 +380,7 @@ class Renderer:
         """Release all GL objects and the context."""
         if not self._closed:
             self._closed = True
+            self._pool.shutdown(cancel_futures=True)
             with self._context:
                 self._owned.close()
             self._context.release()

@@ -46,7 +46,7 @@ class GroundSeen(NamedTuple):
 
 
 def rock_table(rocks: Rocks, light: F32, ground_m: Array) -> F32:
-    """Return what the light of rocks follows from, as `rock_light.rock_surface` takes it, (m, 20).
+    """Return what the light of rocks follows from, as `object_rows.rock_surface` takes it, (m, 21).
 
     Args:
         light: (m, 5) as `Sunlight.rock_light`.
@@ -55,7 +55,13 @@ def rock_table(rocks: Rocks, light: F32, ground_m: Array) -> F32:
     rotation = matrix_from_wxyz(rocks.orientation_wxyz) if len(rocks) else np.zeros((0, 3, 3))
     return np.concatenate(
         [rocks.position_m, rotation.transpose(0, 2, 1).reshape(-1, 9), rocks.diameter_m[:, None],
-         rocks.albedo[:, None], ground_m[:, None], light], axis=1).astype(np.float32)
+         rocks.albedo[:, None], ground_m[:, None], light, _looks(rocks)[:, None]],
+        axis=1).astype(np.float32)
+
+
+def _looks(rocks: Rocks) -> NDArray[np.uint32]:
+    """Return (m,) numbers that shift the texture of each rock; float32 holds their fractions."""
+    return rocks.key & np.uint32(0xffff)
 
 
 class RockPass:
@@ -66,17 +72,7 @@ class RockPass:
         """Make meshes and the program."""
         self._context = context
         self._program = load_program(context, 'rock', 'surface')
-        self.rocks = rocks
-        rotation = matrix_from_wxyz(rocks.orientation_wxyz) if len(rocks) else np.zeros((0, 3, 3))
-        columns = rotation * rocks.diameter_m[:, None, None]
-        self._data = np.concatenate(
-            [rocks.position_m, columns.transpose(0, 2, 1).reshape(-1, 9),
-             np.arange(len(rocks))[:, None]], axis=1).astype(np.float32)
-        self._position = np.ascontiguousarray(rocks.position_m.T, np.float32)
-        self._diameter = rocks.diameter_m.astype(np.float32)
-        # Half of boxes around the rocks, in axes of the world; meshes are worn hulls.
-        reach = np.stack([np.abs(shape.vertices).max(axis=0) for shape in shapes])
-        self._half = _WORN * np.einsum('nij,nj->ni', np.abs(columns), reach[rocks.shape])
+        self._shapes = shapes
         self._axes = np.array([[solid_axes(one, shape) for shape in shapes] for one in _SOLIDS],
                               np.float32)
         # A kind is a shape with its detail; the last kinds are solids, which stand for all.
@@ -86,6 +82,25 @@ class RockPass:
         self._arrays: dict[int, moderngl.VertexArray] = {}
         self._meshes = [[context.buffer(part.tobytes()) for part in mesh] for mesh in (
             *library_meshes(shapes, _LEVELS, _COARSE_VERTICES), *map(solid_mesh, _SOLIDS))]
+        self.enter(rocks)
+
+    def enter(self, rocks: Rocks) -> None:
+        """Have other rocks, of the same shapes."""
+        release_all(*self._arrays.values(), *self._instances.values())
+        self._arrays.clear()
+        self._instances.clear()
+        self._counts.clear()
+        self.rocks = rocks
+        rotation = matrix_from_wxyz(rocks.orientation_wxyz) if len(rocks) else np.zeros((0, 3, 3))
+        columns = rotation * rocks.diameter_m[:, None, None]
+        self._data = np.concatenate(
+            [rocks.position_m, columns.transpose(0, 2, 1).reshape(-1, 9),
+             np.arange(len(rocks))[:, None]], axis=1).astype(np.float32)
+        self._position = np.ascontiguousarray(rocks.position_m.T, np.float32)
+        self._diameter = rocks.diameter_m.astype(np.float32)
+        # Half of boxes around the rocks, in axes of the world; meshes are worn hulls.
+        reach = np.stack([np.abs(shape.vertices).max(axis=0) for shape in self._shapes])
+        self._half = _WORN * np.einsum('nij,nj->ni', np.abs(columns), reach[rocks.shape])
 
     def choose(self, volume: ViewVolume, focal_px: float, least_px: float,
                grounds: Sequence[GroundSeen] = ()) -> None:

@@ -242,7 +242,7 @@ class ScenePasses(GlOwner):
                 link[side] = drawn.surfaces[last, side].links(parts)
             if side in drawn.truth:
                 tell_objects(drawn.truth[side], drawn.surfaces[last, side], parts,
-                             drawn.face.get(side))
+                             self._shared.rock_labels, drawn.face.get(side))
                 tell(drawn.truth[side], depth_m, own)
         self._earth.draw(scene, samples.values())   # before outlines in front of it are smoothed
         if self._config.detail.smooth_outlines:

@@ -2,7 +2,8 @@
 
 Both windows wrap around: a tile always has the same place in them, which it shares with tiles far
 away. A tile is computed when it comes into view, and again in view after it, or what casts a
-shadow on it, has changed. Tracks behind the rover cost nothing.
+shadow on it, has changed. Tracks behind the rover cost nothing, nor do those beyond the window of
+the site.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ F32 = NDArray[np.float32]
 
 TILE_M = TILE * CELL_M
 NEAR_TILES, FAR_TILES = 40, 128
+_COMMON_M = math.lcm(NEAR_TILES, FAR_TILES) * TILE_M    # a multiple of the extents of both
 _SEAM_TILES = 2             # unused at the edges of a window, where tiles wrap around
 _CORNERS = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
 _HEIGHT_M, _MARGIN_M = 0.06, 0.05    # of the boxes of tiles, upright and sideways
@@ -53,7 +55,7 @@ class TrackArrays(NamedTuple):
 
 
 NO_TRACKS = TrackArrays(
-    np.zeros(6, np.float32), np.zeros(3, np.float32), np.zeros((1, 1), bool),
+    np.zeros(8, np.float32), np.zeros(3, np.float32), np.zeros((1, 1), bool),
     np.zeros((1, 6), np.float32), np.zeros(1, np.int64), np.ones(1, np.int64),
     np.zeros((1, 1, 3), np.float32))
 
@@ -63,22 +65,18 @@ class TrackMap:
 
     Attributes:
         arrays: For compiled loops.
-        keys: (n, 2) tiles that have tracks, or may lie in their shadow.
-        boxes: (n, 2, 3) [m].
+        keys: (n, 2) tiles of the window that have tracks, or may lie in their shadow; they count
+            from the origin of the overlay.
+        boxes: (n, 2, 3) in the frame of the window [m].
         near: (n,) whether they are in the near window.
         raised: (n,) whether the ground differs in them.
     """
 
     def __init__(self, ground: HeightGrid, overlay: Overlay, sun: TrackSun) -> None:
-        """ground: the untouched one; overlay: read whenever a frame is drawn."""
-        self._overlay, self._ground, self._sun = overlay, ground, sun
+        """ground: the untouched one, in the frame of the overlay, which is read at every frame."""
+        self._overlay, self._sun = overlay, sun
         self._seen = 0
-        self._index: dict[tuple[int, int], int] = {}
-        self.keys: NDArray[np.int64] = np.zeros((0, 2), np.int64)
-        self.boxes = np.zeros((0, 2, 3))
-        self.near, self._far = np.zeros(0, bool), np.zeros(0, bool)
-        self._stale, self._full = np.zeros(0, bool), np.zeros(0, bool)
-        self.raised = np.zeros(0, bool)
+        self._empty()
         self._checksums: dict[tuple[int, int], int] = {}
         self._around = _around(sun)
         side, far_side = NEAR_TILES * TILE, FAR_TILES * FAR_TEXELS
@@ -88,12 +86,54 @@ class TrackMap:
         near, far = NEAR_TILES * TILE_M, FAR_TILES * TILE_M
         self.arrays = TrackArrays(
             np.array([1.0 / near, 0.5 * near - _SEAM_TILES * TILE_M, 1.0 / far,
-                      0.5 * far - _SEAM_TILES * TILE_M, 0.0, 0.0], np.float32),
+                      0.5 * far - _SEAM_TILES * TILE_M, 0.0, 0.0, 0.0, 0.0], np.float32),
             np.array([CELL_M, -math.log2(CELL_M), 0.0], np.float32),
             # Most pixels need not look any further than whether a tile has anything to show.
             np.zeros((FAR_TILES, FAR_TILES), bool),
             np.zeros((int((sides**2).sum()), 6), np.float32),
             np.cumsum([0, *sides[:-1]**2]), sides, np.zeros((far_side, far_side, 3), np.float32))
+        self._lie_on(ground)
+
+    def _empty(self) -> None:
+        self._index: dict[tuple[int, int], int] = {}
+        self.keys: NDArray[np.int64] = np.zeros((0, 2), np.int64)
+        self.boxes = np.zeros((0, 2, 3))
+        self.near, self._far = np.zeros(0, bool), np.zeros(0, bool)
+        self._stale, self._full = np.zeros(0, bool), np.zeros(0, bool)
+        self.raised = np.zeros(0, bool)
+
+    def _lie_on(self, ground: HeightGrid) -> None:
+        self._ground, self._middle_m = ground, np.array(ground.middle_m)
+        # A multiple of the extents of both windows is left out: float32 holds the rest.
+        self.arrays.windows[6:] = self._middle_m - _COMMON_M * np.round(self._middle_m / _COMMON_M)
+
+    def enter(self, ground: HeightGrid) -> None:
+        """Show the tracks in another window of the site; ground: as that of the constructor.
+
+        Texels of tiles that are in both are kept.
+        """
+        self._lie_on(ground)
+        keys, near, far = self.keys, self.near, self._far
+        flags = np.stack([near, far, self._stale, self._full, self.raised])
+        stays = self._within(keys)
+        for k in np.flatnonzero(~stays):
+            if near[k]:
+                self._write_near(self._key(int(k)), self._untouched)
+            if far[k]:
+                self._write_far(self._key(int(k)), self._untouched.far, False)
+            self._checksums.pop(self._key(int(k)), None)
+        self._empty()
+        self._append(keys[stays])
+        self.near, self._far, self._stale, self._full, self.raised = flags[:, stays]
+        written = np.array(self._overlay.tiles_since(0, TILE), np.int64).reshape(-1, 2)
+        for key in map(tuple, written[self._within(written)].tolist()):
+            if key not in self._index:
+                self._add_around(key)
+
+    def _within(self, keys: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which of (n, 2) tiles are in the window."""
+        away = np.abs((keys + 0.5) * TILE_M - self._middle_m).max(axis=1, initial=0.0)
+        return np.asarray(away < self._ground.half_extent_m + TILE_M)
 
     def relight(self, sun: TrackSun) -> None:
         """Move the sun: all shadows are computed again."""
@@ -114,16 +154,17 @@ class TrackMap:
                 self._add_around(key)
             self._seen = self._overlay.writes
         centre_m = np.round(volume.centre_m[:2] / TILE_M) * TILE_M
-        away = np.abs((self.keys + 0.5) * TILE_M - centre_m).max(axis=1, initial=0.0)
+        away = np.abs((self.keys + 0.5) * TILE_M - self._middle_m - centre_m).max(
+            axis=1, initial=0.0)
         inside = away < (NEAR_TILES // 2 - 1) * TILE_M
         inside_far = away < (FAR_TILES // 2 - 1) * TILE_M
         left, left_far = self.near & ~inside, self._far & ~inside_far
         seen = inside_far & volume.sees(self.boxes)
         stale = seen & (self._stale | ~self._far | (inside & ~self.near))
         if (left.any() or left_far.any() or stale.any()
-                or np.any(self.arrays.windows[4:] != centre_m.astype(np.float32))):
+                or np.any(self.arrays.windows[4:6] != centre_m.astype(np.float32))):
             before()
-        self.arrays.windows[4:] = centre_m
+        self.arrays.windows[4:6] = centre_m
         for k in np.flatnonzero(left):
             self._write_near(self._key(int(k)), self._untouched)
             self.near[k] = False
@@ -160,20 +201,21 @@ class TrackMap:
     def _add_around(self, key: tuple[int, int]) -> None:
         """Note that a tile has changed, with its neighbours and those in its shadow."""
         tiles = {(key[0] + i, key[1] + j) for i, j in self._around}
-        new = sorted(tiles - self._index.keys())
-        if new:
-            self._append(np.array(new))
-        self._stale[[self._index[tile] for tile in tiles]] = True
+        new = np.array(sorted(tiles - self._index.keys()), np.int64).reshape(-1, 2)
+        new = new[self._within(new)]
+        if len(new):
+            self._append(new)
+        self._stale[[self._index[tile] for tile in tiles if tile in self._index]] = True
 
     def _append(self, keys: NDArray[np.int64]) -> None:
         for n, key in enumerate(map(tuple, keys.tolist())):
             self._index[key] = len(self.keys) + n
-        last = self._ground.half_extent_m - 0.5 * TILE_M
-        middle = np.clip((keys + 0.5) * TILE_M, -last, last)
+        last, own = self._ground.half_extent_m - 0.5 * TILE_M, self._middle_m
+        middle = np.clip((keys + 0.5) * TILE_M - own, -last, last) + own
         corners = self._ground.height_at(middle[:, None] + 0.4 * TILE_M * _CORNERS)
-        low = np.hstack([keys * TILE_M - _MARGIN_M, np.nanmin(corners, axis=1, keepdims=True)
+        low = np.hstack([keys * TILE_M - own - _MARGIN_M, np.nanmin(corners, axis=1, keepdims=True)
                          - _HEIGHT_M])
-        high = np.hstack([(keys + 1) * TILE_M + _MARGIN_M,
+        high = np.hstack([(keys + 1) * TILE_M - own + _MARGIN_M,
                           np.nanmax(corners, axis=1, keepdims=True) + _HEIGHT_M])
         self.keys = np.concatenate([self.keys, keys])
         self.boxes = np.concatenate([self.boxes, np.stack([low, high], axis=1)])

@@ -19,7 +19,8 @@ def prints_of(depth, x, y, level, windows, sizes, touched,  # type: ignore[no-un
 
     Args:
         depth, x, y, level: (n,) as `grid_rows.light_of_grid` leaves them.
-        windows: 1 / extent [1/m] and half extent [m] of the near window, the far one; centre [m].
+        windows: 1 / extent [1/m] and half extent [m] of the near window, the far one; centre [m];
+            place of the frame in both, x and y [m].
         sizes: Of a sample [m]; log2 of samples per metre; of a texel of the far window [m].
         touched: (tiles, tiles) whether a tile has anything to show.
         near: (texels, 6) slopes, tangent of the horizon less that of untouched ground, share of
@@ -35,7 +36,8 @@ def prints_of(depth, x, y, level, windows, sizes, touched,  # type: ignore[no-un
         horizon[k], seen[k] = _NOWHERE, _ONE
         if depth[k] <= _ZERO:
             continue
-        p, q = x[k] * windows[2], y[k] * windows[2]
+        east_m, north_m = x[k] + windows[6], y[k] + windows[7]
+        p, q = east_m * windows[2], north_m * windows[2]
         i, j = wrapped(p, tiles, _ZERO)[0], wrapped(q, tiles, _ZERO)[0]
         if not touched[j, i]:
             continue
@@ -52,8 +54,8 @@ def prints_of(depth, x, y, level, windows, sizes, touched,  # type: ignore[no-un
                 n, first = near_side[lower + turn], near_first[lower + turn]
                 # The first sample lies at the origin.
                 moved = _HALF / np.float32(near_side[0])
-                west, east, f = wrapped(x[k] * windows[0] + moved, n, _HALF)
-                south, north, g = wrapped(y[k] * windows[0] + moved, n, _HALF)
+                west, east, f = wrapped(east_m * windows[0] + moved, n, _HALF)
+                south, north, g = wrapped(north_m * windows[0] + moved, n, _HALF)
                 a, b = first + south * n + west, first + south * n + east
                 d, e = first + north * n + west, first + north * n + east
                 for channel in range(6):

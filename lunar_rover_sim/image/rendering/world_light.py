@@ -16,9 +16,10 @@ from lunar_rover_sim.image.illumination.config import SunConfig
 from lunar_rover_sim.image.illumination.rock_shadow import sun_axes
 from lunar_rover_sim.image.illumination.sunlight import Sunlight
 from lunar_rover_sim.image.rendering.config import RenderConfig
-from lunar_rover_sim.image.rendering.ground_texels import GroundTexels, LevelTexels
-from lunar_rover_sim.image.rendering.relief_brightness import relief_brightness, ReliefBrightness
-from lunar_rover_sim.image.rendering.relief_tiles import ReliefTiles, start_tiles
+from lunar_rover_sim.image.rendering.ground_texels import GroundTexels
+from lunar_rover_sim.image.rendering.relief_brightness import relief_brightness
+from lunar_rover_sim.image.rendering.relief_tiles import start_tiles
+from lunar_rover_sim.image.rendering.surface import Surface, surface_texels
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -30,8 +31,7 @@ class WorldLight:
         sunlight: What it sees.
         sun_axes: As `rock_shadow.sun_axes`.
         rock_light: As `Sunlight.rock_light`.
-        texels: Of the ground, by level, until they are drawn with.
-        tiles, brightness: Of the relief below the grid.
+        surface: Texels of the ground and of the relief below the grid.
         earth: The light of the Earth on the same world; None if it is not drawn.
     """
 
@@ -39,9 +39,7 @@ class WorldLight:
     sunlight: Sunlight
     sun_axes: Array
     rock_light: NDArray[np.float32]
-    texels: list[LevelTexels]
-    tiles: ReliefTiles
-    brightness: ReliefBrightness
+    surface: Surface
     earth: WorldLight | None = None
 
 
@@ -59,5 +57,6 @@ def world_light(world: World, config: RenderConfig, seed: int, far_rocks: Rocks,
     with ThreadPoolExecutor(2) as pool:
         levels = list(pool.map(lambda k: texels.under(sunlight, k, radius),
                                range(len(world.levels))))
-    return WorldLight(sun, sunlight, sun_axes(sunlight.sun), sunlight.rock_light(), levels, tiles,
-                      brightness)
+    sunlight.forget_clearance()     # a hundred megabytes
+    return WorldLight(sun, sunlight, sun_axes(sunlight.sun), sunlight.rock_light(),
+                      Surface(tiles, surface_texels(world, levels, tiles, brightness)))

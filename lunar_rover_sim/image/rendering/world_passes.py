@@ -11,17 +11,15 @@ import numpy as np
 from lunar_rover_sim.base.frames import Array, sun_direction
 from lunar_rover_sim.base.workers import Workers
 from lunar_rover_sim.ground.regolith.overlay import Overlay
-from lunar_rover_sim.ground.world.far_rocks import far_rocks
-from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.image.illumination.config import EarthConfig, LampConfig, SunConfig
-from lunar_rover_sim.image.illumination.earthshine import earth_as_sun
+from lunar_rover_sim.image.illumination.config import SunConfig
 from lunar_rover_sim.image.rendering.config import RenderConfig
-from lunar_rover_sim.image.rendering.crater_map import crater_lists, CraterLists
+from lunar_rover_sim.image.rendering.crater_map import CraterLists
+from lunar_rover_sim.image.rendering.drawn_window import DrawnWindow, under_earth
 from lunar_rover_sim.image.rendering.gl_owner import GlOwner
 from lunar_rover_sim.image.rendering.ground import Ground
 from lunar_rover_sim.image.rendering.ground_band import GroundSource
 from lunar_rover_sim.image.rendering.ground_picture import GroundPicture
-from lunar_rover_sim.image.rendering.ground_texels import GroundTexels
+from lunar_rover_sim.image.rendering.labels import FIRST_CRATER, LABEL_FIRST_ROCK, Numbers
 from lunar_rover_sim.image.rendering.lamp_rows import LampLight
 from lunar_rover_sim.image.rendering.lamp_shadow import LampShadow
 from lunar_rover_sim.image.rendering.lighting import LightConstants
@@ -33,7 +31,7 @@ from lunar_rover_sim.image.rendering.scene import SceneLight
 from lunar_rover_sim.image.rendering.surface import Surface
 from lunar_rover_sim.image.rendering.track_map import TrackMap
 from lunar_rover_sim.image.rendering.track_texels import TrackSun
-from lunar_rover_sim.image.rendering.world_light import world_light, WorldLight
+from lunar_rover_sim.image.rendering.world_light import WorldLight
 from lunar_rover_sim.rover.description import RoverDescription
 
 
@@ -43,57 +41,81 @@ class WorldPasses(GlOwner):
     What they have chosen for a camera holds until its frame is lit.
 
     Attributes:
-        world, rover, config, seed: As given.
+        world: The window of the site that is drawn, in its own frame.
+        offset_m: (3,) place of that frame in the one that poses are given in.
+        rover, config, seed: As given.
         sunlight, sun_axes: What the sun sees.
         ground: Of the world.
         rocks, body, rover_shadow: Passes.
         lamp: None without a lamp.
         tracks: None before `follow`.
         rock_table: What the light of rocks follows from.
+        rock_labels, crater_numbers: (m,) of those of the window, in the images of truth.
         workers: Threads for rows of images.
         waiting: Frames whose ground is not made yet.
         earth: Passes of the light of the Earth, as if that were the sun; None if it is not drawn.
     """
 
-    def __init__(self, context: moderngl.Context, world: World, rover: RoverDescription,
-                 config: RenderConfig, seed: int, ground: Ground | None = None) -> None:
+    def __init__(self, context: moderngl.Context, window: DrawnWindow, light: WorldLight,
+                 rover: RoverDescription, config: RenderConfig, seed: int,
+                 ground: Ground | None = None) -> None:
         """Make all passes.
 
         Args:
+            window: What to draw, and its light.
             seed: Of the relief below the grid.
             ground: That of another source of light.
         """
         super().__init__()
         self._context = context
-        self.world, self.rover, self.config, self.seed = world, rover, config, seed
+        self.rover, self.config, self.seed = rover, config, seed
         with self._making():
-            self._build(ground)
+            self._build(window, light, ground)
 
-    def _build(self, ground: Ground | None) -> None:
-        context, config, world = self._context, self.config, self.world
-        self._surface = Surface(world)
-        self._far_rocks = far_rocks(world, config.detail.far_rocks_m)
-        self._texels = GroundTexels(world)
-        light = self._light_under(config)
-        self._light_surface(light)
-        sunlight = light.sunlight
-        self.ground = ground or Ground(world, config.detail, self._surface)
-        rocks = sunlight.rocks
-        self.rocks = self._own(RockPass(context, rocks, world.rock_shapes))
-        self.rock_table = rock_table(rocks, light.rock_light,
-                                     world.height_at(rocks.position_m[:, :2]))
+    def _build(self, window: DrawnWindow, light: WorldLight, ground: Ground | None) -> None:
+        context, config = self._context, self.config
+        self._surface = Surface(light.surface.tiles, light.surface.texels)
+        self._rock_book, self._crater_book = Numbers(LABEL_FIRST_ROCK), Numbers(FIRST_CRATER)
+        self.ground = ground or Ground(window.world, config.detail, self._surface, window.heights)
+        self.rocks = self._own(RockPass(context, light.sunlight.rocks, window.world.rock_shapes))
         self.body = self._own(RoverPass(context, self.rover))
         self.rover_shadow = RoverShadow(self.rover)
         self.lamp = (self._own(LampShadow(context, config.lamp, config.camera))
                      if config.lamp.power_w > 0.0 else None)
         self.tracks: TrackMap | None = None
-        self._craters: CraterLists | None = None
         self.workers = self._own(Workers())
         self.waiting: list[GroundPicture] = []
+        self._take(window, light)
+        self.earth = (self._own(WorldPasses(context, window, light.earth, self.rover,
+                                            under_earth(config), self.seed, self.ground))
+                      if light.earth is not None else None)
+
+    def _take(self, window: DrawnWindow, light: WorldLight) -> None:
+        """Take what is known of a window, and its light."""
+        self._window, self.world, rocks = window, window.world, light.sunlight.rocks
+        self.offset_m = window.offset_m
+        self.rock_labels = self._rock_book.of(rocks.key)
+        self.crater_numbers = self._crater_book.of(self.world.craters.key)
+        self._craters: CraterLists | None = None
+        self.rock_table = rock_table(rocks, light.rock_light,
+                                     self.world.height_at(rocks.position_m[:, :2]))
+        self._light_surface(light)
         self._set_constants()
-        self.earth = (self._own(WorldPasses(context, world, self.rover, _under_earth(config),
-                                            self.seed, self.ground))
-                      if config.earth.lights_ground else None)
+
+    def enter(self, window: DrawnWindow, light: WorldLight) -> None:
+        """Draw another window of the site; no frame may be under way.
+
+        Args:
+            light: Of `config.sun` on it.
+        """
+        self.make_waiting()
+        self._take(window, light)
+        self.rocks.enter(light.sunlight.rocks)
+        self.ground.enter(window.world, window.heights)
+        if self.tracks is not None:
+            self.tracks.enter(window.given.ground)
+        if self.earth is not None and light.earth is not None:
+            self.earth.enter(window, light.earth)
 
     @property
     def sources(self) -> tuple[WorldPasses, ...]:
@@ -104,7 +126,7 @@ class WorldPasses(GlOwner):
 
     def follow(self, overlay: Overlay) -> None:
         """Draw the tracks of an overlay from now on."""
-        self.tracks = TrackMap(self.world.ground, overlay, self._track_sun())
+        self.tracks = TrackMap(self._window.given.ground, overlay, self._track_sun())
         if self.earth is not None:
             self.earth.follow(overlay)
         self.ground.follow(self.tracks)     # which is also that of the Earth
@@ -117,8 +139,7 @@ class WorldPasses(GlOwner):
     def crater_lists(self) -> CraterLists:
         """Return where craters are; they are listed for the first frame that asks for it."""
         if self._craters is None:
-            self._craters = crater_lists(self.world.craters,
-                                         [grid.half_extent_m for grid in self.world.levels])
+            self._craters = self._window.crater_lists().numbered(self.crater_numbers)
         return self._craters
 
     def source(self, light: SceneLight, lamp: LampLight | None,
@@ -138,20 +159,14 @@ class WorldPasses(GlOwner):
 
     def light_of(self, sun: SunConfig) -> WorldLight:
         """Compute the light of another sun; in any thread, while others draw."""
-        config = dataclasses.replace(self.config, sun=sun)
-        light = self._light_under(config)
-        if not config.earth.lights_ground:
-            return light
-        return dataclasses.replace(light, earth=self._light_under(_under_earth(config)))
-
-    def _light_under(self, config: RenderConfig) -> WorldLight:
-        return world_light(self.world, config, self.seed, self._far_rocks, self._texels)
+        return self._window.light(dataclasses.replace(self.config, sun=sun), self.seed)
 
     def relight(self, light: WorldLight) -> None:
-        """Move the sun; light: as `light_of` returned it, to be used once."""
+        """Move the sun; light: as `light_of` returned it for this window."""
         self.config = dataclasses.replace(self.config, sun=light.sun)
         self._light_surface(light)
-        self.rock_table = np.column_stack([self.rock_table[:, :15], light.rock_light])
+        self.rock_table = self.rock_table.copy()
+        self.rock_table[:, 15:20] = light.rock_light
         if self.tracks is not None:
             self.tracks.relight(self._track_sun())
         self._set_constants()
@@ -160,14 +175,8 @@ class WorldPasses(GlOwner):
 
     def _light_surface(self, light: WorldLight) -> None:
         self.sunlight, self.sun_axes = light.sunlight, light.sun_axes
-        self._surface.light(light.texels, light.tiles, light.brightness)
-        light.texels.clear()    # tens of megabytes
+        self._surface.tiles, self._surface.texels = light.surface.tiles, light.surface.texels
 
     def _set_constants(self) -> None:
-        self._constants = LightConstants.of(self.config, self.world.config.seed)
-
-
-def _under_earth(config: RenderConfig) -> RenderConfig:
-    """Return the parameters with the Earth in place of the sun, and without a lamp."""
-    return dataclasses.replace(config, sun=earth_as_sun(config.sun, config.earth),
-                               earth=EarthConfig(), lamp=LampConfig())
+        self._constants = LightConstants.of(self.config, self.world.config.seed,
+                                            self.world.origin_m)
