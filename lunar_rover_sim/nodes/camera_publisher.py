@@ -16,8 +16,6 @@ from std_msgs.msg import Header, String
 
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import RenderError
-from lunar_rover_sim.ground.world.craters import Craters
-from lunar_rover_sim.ground.world.rocks import Rocks
 from lunar_rover_sim.image.camera.cameras import CameraEntry, Output
 from lunar_rover_sim.image.camera.compression import compressed
 from lunar_rover_sim.image.camera.fisheye import geometry_of
@@ -276,37 +274,43 @@ class CameraPublisher:
 
 
 class LabelPublisher:
-    """Publishes the vocabulary once; a bag of it is as large as the catalogues of the world.
+    """Publishes the vocabulary of a window; a bag of it is as large as the catalogues of the world.
 
     Where vision_msgs is installed, its LabelInfo and VisionInfo as well.
     """
 
-    def __init__(self, node: Node, rocks: Rocks, craters: Craters, world_hash: str,
-                 legs: Sequence[str]) -> None:
-        """Wait for readers; rocks: near and far ones, in the order of their labels.
+    def __init__(self, node: Node, renderer: Renderer, legs: Sequence[str]) -> None:
+        """Wait for readers.
 
         Args:
+            renderer: Has the rocks and craters, and their numbers.
             legs: Names of those of the rover.
         """
         self._node = node
         self._publishers: dict[str, Any] = {}
-        self._offer(topics.LABEL_INFO, String,
-                    lambda: String(data=vocabulary(rocks, craters, world_hash, legs)))
+        self._sent: dict[str, Callable[[], Any]] = {}
+        self._offer(topics.LABEL_INFO, String, lambda: String(data=vocabulary(
+            renderer.rocks, renderer.world.craters, renderer.world.hash, legs,
+            renderer.rock_labels, renderer.crater_numbers)))
         msg = vision_messages()
         if msg is not None:
             header = Header(frame_id=topics.LABEL_CLASSES.frame_id)
             self._offer(topics.LABEL_CLASSES, msg.LabelInfo,
-                        lambda: label_info(msg, class_names(len(rocks), legs), header))
+                        lambda: label_info(msg, class_names(
+                            len(renderer.rocks), legs, renderer.rock_labels), header))
             self._offer(topics.VISION_INFO, msg.VisionInfo,
-                        lambda: vision_info(msg, world_hash, header))
+                        lambda: vision_info(msg, renderer.world.hash, header))
+
+    def enter(self) -> None:
+        """Publish what is read once more: the renderer has entered another window."""
+        for name, make in self._sent.items():
+            self._publishers[name].publish(make())
 
     def _offer(self, topic: topics.Topic, message_type: type, make: Callable[[], Any]) -> None:
         """Publish what `make` returns when a topic is first read."""
-        sent: list[bool] = []
-
         def on_match(event: object) -> None:
-            if not sent and getattr(event, 'current_count') > 0:
-                sent.append(True)
+            if topic.name not in self._sent and getattr(event, 'current_count') > 0:
+                self._sent[topic.name] = make
                 self._publishers[topic.name].publish(make())
 
         self._publishers[topic.name] = self._node.create_publisher(

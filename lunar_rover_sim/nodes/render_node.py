@@ -115,8 +115,7 @@ class RenderNode(node_main.GraphNode):
             self, [publisher for camera in self._cameras for publisher in camera.publishers],
             config.participants if config.lockstep else ())
         self._sun = MovingSun(self, config, self._renderer)
-        LabelPublisher(self, self._renderer.rocks, world.craters, world.hash,
-                       rover.legs.names)
+        self._labels = LabelPublisher(self, self._renderer, rover.legs.names)
         if not config.miscalibration.perfect:
             told = json.dumps(Miscalibration.drawn(config.miscalibration, config.seed).told(
                 config.camera))

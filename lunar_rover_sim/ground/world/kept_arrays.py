@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import contextlib
 import hashlib
 import json
 import logging
+import os
+import pathlib
 from typing import Any
 
 import numpy as np
@@ -19,6 +22,7 @@ from lunar_rover_sim.ground.world.cache import cache_folder
 logger = logging.getLogger(__name__)
 
 _MAX_BYTES = 1 << 30
+_MOST_FILES = 64            # of a kind; those that were used longest ago go
 
 
 def kept(name: str, recipe: Any, make: Callable[[], NDArray[Any]]) -> NDArray[Any]:
@@ -36,6 +40,8 @@ def kept(name: str, recipe: Any, make: Callable[[], NDArray[Any]]) -> NDArray[An
     try:
         array = read_archive(path, WorldError, _MAX_BYTES)['array']     # checks the sums of zip
         array.setflags(write=True)
+        with contextlib.suppress(OSError):
+            os.utime(path)
         return array
     except (WorldError, KeyError) as error:
         if path.exists():
@@ -44,6 +50,17 @@ def kept(name: str, recipe: Any, make: Callable[[], NDArray[Any]]) -> NDArray[An
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         atomic_write(path, lambda file: np.savez(file, array=array))
+        _drop_old(path.parent, name)
     except OSError as error:
         logger.warning('%s is not kept: %s', path, error)
     return array
+
+
+def _drop_old(folder: pathlib.Path, name: str) -> None:
+    """Remove files of a kind but those used last; another process may do so too."""
+    used = []
+    for path in folder.glob(f'{name}_{24 * "?"}.npz'):
+        with contextlib.suppress(OSError):
+            used.append((path.stat().st_mtime_ns, path))
+    for _, path in sorted(used)[:-_MOST_FILES]:
+        path.unlink(missing_ok=True)

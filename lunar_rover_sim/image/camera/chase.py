@@ -119,6 +119,10 @@ class ChaseMount(MovingMount):
         self._stamp_ns: int | None = None
         self._centre_m, self._heading_rad, self._raised_m = np.zeros(3), 0.0, 0.0
 
+    def enter(self, world: World) -> None:
+        """Stay above ground and rocks of another window of the site from now on."""
+        self._world = world
+
     def follow(self, state: Posed, stamp_ns: int = 0) -> None:
         """Move to where a state wants the camera; stamp_ns: simulated time [ns].
 

@@ -71,7 +71,8 @@ class SunView:
     def _horizon_sine(self, point_m: Array) -> float:
         """Return the sine of the elevation of the relief beyond the fine ground, sunward."""
         levels = self._world.levels
-        nearest = max(levels[0].half_extent_m - float(np.abs(point_m[:2]).max()), _NEAREST_M)
+        away = float(np.abs(point_m[:2] - levels[0].middle_m).max())
+        nearest = max(levels[0].half_extent_m - away, _NEAREST_M)
         distance = np.geomspace(nearest, max(levels[-1].half_extent_m, 2.0 * nearest), _SAMPLES)
         height = self._world.height_at(point_m[:2] + np.outer(distance, self._along))
         known = np.isfinite(height)     # the world ends somewhere

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future, ThreadPoolExecutor
+import dataclasses
+
 import numpy as np
 
 from lunar_rover_sim.base.errors import ConfigError
@@ -24,10 +27,25 @@ from lunar_rover_sim.rover.pose import Posed
 _STREAM = 7                 # of random numbers, among those of a seed
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Surroundings:
+    """A window of a site as rays are cast on it, in a frame of its own."""
+
+    world: World
+    middle_m: Array
+    half_m: float
+    pyramid: HeightPyramid
+    caster: RayCaster
+    returns: ReturnModel
+
+
 class Lidar:
     """A sensor at its mount on a rover on a world.
 
+    Poses are in the frame of the world that it is given, a window of a site: that of the site.
+
     Attributes:
+        world: The window that it scans.
         pattern: Its beams.
         T_base_lidar: (4, 4) its mount.
         legs_met: Whether any beam may meet a leg of the rover.
@@ -41,12 +59,20 @@ class Lidar:
             ConfigError: For a mount from which every beam meets the rover's body.
         """
         self._config, self._seed = config, seed
-        self._grid = world.ground
         self.pattern = beam_pattern(config.optics, config.rate_hz)
         self.T_base_lidar = lidar_pose(rover)
         self._legs = len(rover.legs.each)
         self._own = OwnBody(rover, self.pattern)
         self._range_m = config.optics.max_range_m
+        self._overlay: Overlay | None = None
+        self._soft: SoftCells | None = None
+        self._pool = ThreadPoolExecutor(1)
+        self._coming: tuple[World, Future[_Surroundings]] | None = None
+        self._around = self._prepared(world)
+
+    def _prepared(self, given: World) -> _Surroundings:
+        """Return the ground within reach of a window."""
+        world = given.local()
         reach = world.ground.half_extent_m + self._range_m
         rocks = world.rocks.joined(far_rocks(world, reach))
         hulls = RockHulls(rocks, world.rock_shapes)
@@ -55,10 +81,28 @@ class Lidar:
             pyramids.append(HeightPyramid(grid, hulls))
             if grid.half_extent_m >= reach:
                 break
-        self._pyramid = pyramids[0]
-        self._caster = RayCaster(pyramids, hulls)
-        self._returns = ReturnModel(config, world.albedo, world.ground.cell_m, rocks.albedo)
-        self._soft: SoftCells | None = None
+        return _Surroundings(
+            given, np.array([*given.ground.middle_m, 0.0]), world.ground.half_extent_m,
+            pyramids[0], RayCaster(pyramids, hulls),
+            ReturnModel(self._config, world.albedo, world.ground.cell_m, rocks.albedo))
+
+    @property
+    def world(self) -> World:
+        """The window that it scans."""
+        return self._around.world
+
+    def ahead(self, world: World) -> None:
+        """Begin to prepare another window of the site in a thread, so that `enter` is quick."""
+        if self._coming is None or self._coming[0] is not world:
+            self._coming = world, self._pool.submit(self._prepared, world)
+
+    def enter(self, world: World) -> None:
+        """Scan another window of the site from now on, in the same frame."""
+        coming, self._coming = self._coming, None
+        self._around = (coming[1].result() if coming is not None and coming[0] is world
+                        else self._prepared(world))
+        if self._overlay is not None:
+            self.follow(self._overlay)
 
     def __repr__(self) -> str:
         return (f'Lidar({self._config.part}, {len(self.pattern)} beams, '
@@ -71,8 +115,9 @@ class Lidar:
 
     def follow(self, overlay: Overlay) -> None:
         """Use the deformed ground of `overlay` from now on; it is read at every scan."""
-        self._soft = SoftCells(self._pyramid, overlay)
-        self._caster.soft = self._soft
+        self._overlay = overlay
+        self._soft = SoftCells(self._around.pyramid, overlay, self._around.middle_m[:2])
+        self._around.caster.soft = self._soft
 
     def scan(self, motion: ScanMotion | Posed, index: int = 0) -> Scan:
         """Return a scan.
@@ -93,7 +138,8 @@ class Lidar:
         origin, direction = self._rays(R[1:], p[1:])
         hits = self._cast(origin, direction, R_base[1:], motion.joint_angles(times[1:]))
         rng = np.random.default_rng([self._seed, _STREAM, index])
-        returns = self._returns.measure(origin, direction, hits, rng)
+        returns = self._around.returns.measure(origin - self._around.middle_m, direction, hits,
+                                               rng)
         return Scan(self.pattern, returns, R, p)
 
     def true_hits(self, T_world_base: Array, joint_angle_rad: Array | None = None) -> RayHits:
@@ -123,14 +169,16 @@ class Lidar:
     def _cast(self, origin: Array, direction: Array, R_base: Array,
               joint_angle_rad: Array | None) -> RayHits:
         """Return what rays meet; R_base: (columns, 3, 3); joint_angle_rad: (columns, legs)."""
-        half = self._grid.half_extent_m
+        half, middle = self._around.half_m, self._around.middle_m
         x, y = origin[0, :2].tolist()
+        origin = origin - middle    # the frame that rays are cast in
         if not np.abs(origin[::self.pattern.rings, :2]).max() < half:    # once a column
+            of = 'the origin' if not middle.any() else '(%g, %g)' % tuple(middle[:2])
             raise ConfigError(f'the LiDAR at ({x:.2f}, {y:.2f}) m is not over the ground of the '
-                              f'rover; valid is within {half:g} m of the origin, in x and y')
+                              f'rover; valid is within {half:g} m of {of}, in x and y')
         if self._soft is not None:
             self._soft.update()
-        hits = self._caster.cast(origin, direction, self._range_m, self._own.free)
+        hits = self._around.caster.cast(origin, direction, self._range_m, self._own.free)
         self._end_on_rover(hits, R_base, joint_angle_rad)
         return hits
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lunar_rover_sim.base.compiled import read_only
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz
@@ -243,8 +243,16 @@ _MARGIN_M = 1e-6            # far more than rounding, far less than matters
 class SoftCells:
     """What an overlay has changed of the ground of a pyramid."""
 
-    def __init__(self, pyramid: HeightPyramid, overlay: Overlay) -> None:
+    def __init__(self, pyramid: HeightPyramid, overlay: Overlay,
+                 middle_m: ArrayLike = (0.0, 0.0)) -> None:
+        """Take over what is there at the first update.
+
+        Args:
+            middle_m: (2,) of the pyramid, in the frame of the overlay, a multiple of its samples.
+        """
         self._pyramid, self._overlay, self._seen = pyramid, overlay, 0
+        # Samples and tiles count from the middle of the pyramid here.
+        self._first = np.rint(np.asarray(middle_m) / CELL_M).astype(int)
         self._rise_m = np.zeros((pyramid.side, pyramid.side))
         self._corner = int(np.floor(-pyramid.grid.half_extent_m / _TILE_M)) - 2
         count = 2 * -self._corner + 1
@@ -270,19 +278,23 @@ class SoftCells:
             return
         shown: set[tuple[int, int]] = set()
         for tx, ty in self._overlay.tiles_since(self._seen):
-            shown.update(((tx, ty), (tx - 1, ty), (tx, ty - 1), (tx - 1, ty - 1)))
-            height, _ = self._overlay.window(tx * TILE, ty * TILE, TILE, TILE)
+            x, y = (t * TILE - int(first) for t, first in zip((tx, ty), self._first))
             # Interpolation reaches one sample beyond the tile.
-            (x0, x1), (y0, y1) = (self._pyramid.blocks_between((t * TILE - 1) * CELL_M,
-                                                               (t + 1) * TILE * CELL_M)
-                                  for t in (tx, ty))
-            if x0 < x1 and y0 < y1:
-                rows, columns = slice(y0, y1), slice(x0, x1)
-                rise, part = max(float(height.max()), 0.0), self._rise_m[rows, columns]
-                np.maximum(part, rise + _MARGIN_M, out=part)
-                self._pyramid.raise_ground(rows, columns, rise)
+            (x0, x1), (y0, y1) = (self._pyramid.blocks_between((s - 1) * CELL_M,
+                                                               (s + TILE) * CELL_M)
+                                  for s in (x, y))
+            if not (x0 < x1 and y0 < y1):
+                continue
+            shown.update((i, j) for i in range((x - 1) // TILE, (x + TILE - 1) // TILE + 1)
+                         for j in range((y - 1) // TILE, (y + TILE - 1) // TILE + 1))
+            height, _ = self._overlay.window(tx * TILE, ty * TILE, TILE, TILE)
+            rows, columns = slice(y0, y1), slice(x0, x1)
+            rise, part = max(float(height.max()), 0.0), self._rise_m[rows, columns]
+            np.maximum(part, rise + _MARGIN_M, out=part)
+            self._pyramid.raise_ground(rows, columns, rise)
         for tx, ty in shown:
-            height, _ = self._overlay.window(tx * TILE, ty * TILE, TILE + 1, TILE + 1)
+            x, y = (t * TILE + int(first) for t, first in zip((tx, ty), self._first))
+            height, _ = self._overlay.window(x, y, TILE + 1, TILE + 1)
             slot = self._slot(tx - self._corner, ty - self._corner)
             self._samples[slot] = height
         self._seen = self._overlay.writes

@@ -81,44 +81,63 @@ def link_label(link: int) -> int:
     return LABEL_ROVER if link == 0 else LABEL_FIRST_LEG + link - 1
 
 
-def class_names(rock_count: int, legs: Sequence[str]) -> dict[int, str]:
-    """Return the name of each label; rock_count: near and far rocks; legs: their names."""
+def class_names(rock_count: int, legs: Sequence[str],
+                labels: NDArray[np.uint16] | None = None) -> dict[int, str]:
+    """Return the name of each label.
+
+    Args:
+        rock_count: Near and far rocks.
+        legs: Their names.
+        labels: (m,) of the rocks; None: in the order of the catalogue.
+    """
     names = {LABEL_SKY: 'sky', LABEL_GROUND: 'ground', LABEL_ROVER: 'rover body',
              LABEL_DISTURBED: 'disturbed ground'}
     names.update({LABEL_FIRST_LEG + k: f'rover {leg} leg'.replace('_', ' ')
                   for k, leg in enumerate(legs)})
     last = min(LABEL_FIRST_ROCK + rock_count, LAST_LABEL)
-    names.update({label: f'rock {label - LABEL_FIRST_ROCK}'
-                  for label in range(LABEL_FIRST_ROCK, last)})
+    known = range(LABEL_FIRST_ROCK, last) if labels is None else np.unique(labels).tolist()
+    names.update({label: f'rock {label - LABEL_FIRST_ROCK}' for label in known})
     if LABEL_FIRST_ROCK + rock_count > LAST_LABEL:
         names[LAST_LABEL] = f'rock {LAST_LABEL - LABEL_FIRST_ROCK} or any later one'
     return names
 
 
-def vocabulary(rocks: Rocks, craters: Craters, world_hash: str, legs: Sequence[str]) -> str:
+def vocabulary(rocks: Rocks, craters: Craters, world_hash: str, legs: Sequence[str],
+               labels: NDArray[np.uint16] | None = None,
+               numbers: NDArray[np.uint16] | None = None) -> str:
     """Return what the numbers mean, as JSON with the fields of two messages of vision_msgs.
 
     `class_map` is that of LabelInfo, `method`, `database_location` and `database_version` those
     of VisionInfo. Besides, `rocks` and `craters` are catalogues as columns; the row of number n
-    is n - `first_id`.
+    is n - `first_id`. Where numbers are not in that order, in later windows of a site, they are
+    the column `id`.
 
     Args:
-        rocks: Near and far ones, in the order of their labels.
+        rocks: Near and far ones.
         world_hash: Of the world they are in.
         legs: Names of those of the rover.
+        labels: (m,) of the rocks; None: in their order.
+        numbers: (m,) of the craters in their image; None: in their order.
     """
+    def column_of(own: NDArray[np.uint16] | None, first: int) -> dict[str, Any]:
+        if own is None or np.array_equal(own, np.minimum(np.arange(len(own)) + first, LAST_LABEL)):
+            return {}
+        return {'id': own.tolist()}
+
     def column(values: Any) -> list[Any]:
         return np.round(np.asarray(values, float), _DIGITS).tolist()
 
-    names = class_names(len(rocks), legs)
+    names = class_names(len(rocks), legs, labels)
     return json.dumps({
         'class_map': [{'class_id': label, 'class_name': name} for label, name in names.items()],
         'threshold': 0.0,
         'method': METHOD,
         'database_location': '',
         'database_version': world_hash,
-        'rocks': {'first_id': LABEL_FIRST_ROCK, 'position_m': column(rocks.position_m),
+        'rocks': {'first_id': LABEL_FIRST_ROCK, **column_of(labels, LABEL_FIRST_ROCK),
+                  'position_m': column(rocks.position_m),
                   'diameter_m': column(rocks.diameter_m)},
-        'craters': {'first_id': FIRST_CRATER, 'position_m': column(craters.position_m),
+        'craters': {'first_id': FIRST_CRATER, **column_of(numbers, FIRST_CRATER),
+                    'position_m': column(craters.position_m),
                     'diameter_m': column(craters.diameter_m), 'age': column(craters.age)},
     }, separators=(',', ':'))

@@ -86,8 +86,10 @@ def four_views(world: World, azimuth_deg: float,
               ('towards the sun', -spot, spot, azimuth_deg + 15.0, HEIGHT_M),
               ('from 3 m above the ground', 0.0, 0.0, away + 40.0, 3.0)]
     views = []
+    east, north = world.ground.middle_m
     with Renderer(world, RoverDescription(), config, world.config.seed) as renderer:
         for title, x, y, yaw, height in places:
+            x, y = x + east, y + north
             state = RoverPose(standing(world, x, y, yaw, height))
             settle(renderer, state)
             left = renderer.render(state, 0, ('left',)).picture('left')

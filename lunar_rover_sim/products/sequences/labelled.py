@@ -196,6 +196,8 @@ class CocoSequence(LabelledSequence):
         """Return what the vocabulary knows of an instance."""
         catalogue = self._catalogues.get(f'{instance.category}s', {})
         row = instance.number - int(catalogue.get('first_id', 0))
+        if 'id' in catalogue:
+            row = catalogue['id'].index(instance.number)
         return {name: catalogue[name][row] for name in ('diameter_m', 'age')
                 if row < len(catalogue.get(name, ()))}
 
