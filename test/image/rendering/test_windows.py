@@ -22,7 +22,7 @@ from lunar_rover_sim.rover.pose import moved, RoverPose
 from site_windows import cut
 import worlds
 
-SAMPLES = [1025, 193, 249]
+SAMPLES = [1025, 225, 253]
 LAYERS = ('left', 'depth', 'label', 'crater', 'normal', 'radiance')
 # Without what is drawn about the middle of a window: rocks beyond it, patches of far ground.
 CONFIG = scene.config(sun=scene.RELIEF_SUN, camera=CameraConfig(width=320, height=240),
@@ -32,14 +32,14 @@ CONFIG = scene.config(sun=scene.RELIEF_SUN, camera=CameraConfig(width=320, heigh
 @pytest.fixture(scope='module')
 def wide():
     """Return a world that holds windows 12.8 m apart."""
-    return worlds.small(2, size_m=38.4, albedo={'variation': 0.0},
-                        rocks={'abundance': 0.04, 'min_diameter_m': 0.05})
+    return worlds.small(2, size_m=64.0, cell_m=0.05, albedo={'variation': 0.0},
+                        rocks={'abundance': 0.04, 'max_diameter_m': 0.6})
 
 
 @pytest.fixture(scope='module')
 def windows(wide):
     """Return two windows whose middles are 12.8 m apart, far from the origin of the site."""
-    return [cut(wide, (x, 0.0), SAMPLES, (1279.36, -985.6)) for x in (-6.4, 6.4)]
+    return [cut(wide, (x, 0.0), SAMPLES, (1286.4, -985.6)) for x in (-6.4, 6.4)]
 
 
 @pytest.fixture(scope='module')
@@ -49,7 +49,7 @@ def renderer(windows):
         yield drawn
 
 
-def poses(world, middle_m=(1279.36, -985.6)):
+def poses(world, middle_m=(1286.4, -985.6)):
     """Return states between the two windows, in several directions."""
     return [RoverPose(standing(world, middle_m[0] + x, middle_m[1] + y, yaw))
             for x, y, yaw in ((0.0, 0.0, 0.0), (0.3, 1.0, 100.0), (-0.4, -0.6, 200.0),
@@ -79,12 +79,13 @@ def test_two_windows_show_one_picture(renderer, windows):
     states = poses(windows[0])
     for first, second in zip(frames(renderer, windows[0], states),
                              frames(renderer, windows[1], states)):
-        near = (first.depth_m < 5.0) & (second.depth_m < 5.0)
+        near = (first.depth_m < 10.0) & (second.depth_m < 10.0)
         levels = np.abs(first.left.astype(int) - second.left)
         assert near.mean() > 0.4
-        # Indirect light is known on cells that count from the border of a window.
-        assert (levels[near] <= 1).mean() > 0.998
-        assert (levels <= 1).mean() > 0.95
+        # Coarse texels and indirect light are known on cells that count from the border.
+        assert (levels[first.depth_m < 5.0] <= 1).mean() > 0.999
+        assert (levels[near] <= 1).mean() > 0.997
+        assert (levels <= 1).mean() > 0.99
         apart = np.abs(first.depth_m[near] / second.depth_m[near] - 1.0)
         assert (apart < 1e-5).mean() > 0.999        # the rest: rays that graze a stone of relief
         assert (first.label[near] == second.label[near]).mean() > 0.9999
@@ -126,7 +127,7 @@ def test_coming_back_draws_the_same_and_leaks_nothing(windows):
                    for item in gc.get_objects())
     states = poses(windows[0])[:2]
     with Renderer(windows[0], scene.ROVER, CONFIG) as drawn:
-        drawn.follow(trodden(1279.36, -985.6))
+        drawn.follow(trodden(1286.4, -985.6))
         before = frames(drawn, windows[0], states)
         counts, memory = [], []
         for _ in range(4):
@@ -136,7 +137,7 @@ def test_coming_back_draws_the_same_and_leaks_nothing(windows):
             counts.append(alive())
             memory.append(psutil.Process().memory_info().rss)
         assert len(set(counts)) == 1 and counts[0] > 20
-        assert memory[-1] < 1.05 * memory[0]
+        assert memory[-1] < 1.15 * memory[0]        # a window takes a third
     for first, second in zip(before, after):
         for layer in LAYERS:
             np.testing.assert_array_equal(first.layer(layer), second.layer(layer))
@@ -144,7 +145,7 @@ def test_coming_back_draws_the_same_and_leaks_nothing(windows):
 
 def test_tracks_stay(windows):
     state = poses(windows[0])[0]
-    overlay = trodden(1279.36 + 0.7, -985.6 - 0.1)
+    overlay = trodden(1286.4 + 0.7, -985.6 - 0.1)
     with Renderer(windows[0], scene.ROVER, CONFIG) as drawn:
         drawn.follow(overlay)
         first, = frames(drawn, windows[0], [state])
@@ -164,11 +165,11 @@ def test_only_tracks_of_the_window_are_kept_ready(windows):
             drawn.enter(windows[1])
             drawn.render(poses(windows[0])[0])
             return len(drawn._shared.tracks.keys)
-    near = trodden(1279.36 + 0.7, -985.6 - 0.1)
-    both = trodden(1279.36 + 0.7, -985.6 - 0.1)
+    near = trodden(1286.4 + 0.7, -985.6 - 0.1)
+    both = trodden(1286.4 + 0.7, -985.6 - 0.1)
     for x in range(0, 100, 3):
         both.apply(trodden(1300.0 + x, -985.6).snapshot())
-    assert kept_ready(both) < 3 * kept_ready(near)
+    assert kept_ready(both) < 8 * kept_ready(near)      # of 34 times as many
 
 
 def test_frames_under_way_are_those_of_the_window_before(renderer, windows):
@@ -207,7 +208,8 @@ def test_the_sun_that_moved_meanwhile(renderer, windows):
     with Renderer(windows[1], scene.ROVER, dataclasses.replace(
             CONFIG, sun=dataclasses.replace(CONFIG.sun, azimuth_deg=120.0,
                                             elevation_deg=9.0))) as fresh:
-        np.testing.assert_array_equal(drawn.radiance, frames(fresh, windows[1], [state])[0].radiance)
+        again = frames(fresh, windows[1], [state])[0]
+        np.testing.assert_array_equal(drawn.radiance, again.radiance)
     renderer.show_sun(late)                 # it was of the window before
     moved_sun = frames(renderer, windows[1], [state])[0].radiance
     renderer.set_sun(60.0, CONFIG.sun.elevation_deg)
@@ -250,4 +252,4 @@ def test_the_vocabulary_knows_numbers_of_later_windows(renderer, windows):
         label = frames(renderer, world, poses(windows[0])[:1])[0].label
         for seen in np.unique(label[label >= LABEL_FIRST_ROCK]):
             # In the frame of the site.
-            assert np.abs(np.subtract(found[seen][:2], world.ground.middle_m)).max() < 12.8
+            assert np.abs(np.subtract(found[seen][:2], world.ground.middle_m)).max() < 25.6
