@@ -274,7 +274,7 @@ class CameraPublisher:
 
 
 class LabelPublisher:
-    """Publishes the vocabulary of a window; a bag of it is as large as the catalogues of the world.
+    """Publishes the vocabulary of a window; it is as large as the catalogues of that.
 
     Where vision_msgs is installed, its LabelInfo and VisionInfo as well.
     """

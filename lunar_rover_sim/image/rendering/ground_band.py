@@ -202,7 +202,8 @@ class Band:
         shape_of(*get('depth x y'), texels.levels, texels.ground.words,
                  int(texels.ground.side[0]), tracks is not None,
                  *get('print_x print_y pressed loose'), relief.shape, relief.numbers, centre,
-                 *(none if lists is None else lists.of_shape), words[0], words[1], *get('normal_x normal_y normal_z'))
+                 *(none if lists is None else lists.of_shape), words[0], words[1],
+                 *get('normal_x normal_y normal_z'))
         told: list[tuple[NDArray[Any], NDArray[Any] | None]] = [(words[0], image.label),
                                                                 (words[1], image.crater)]
         if image.normal is not None:

@@ -46,7 +46,7 @@ class GroundSeen(NamedTuple):
 
 
 def rock_table(rocks: Rocks, light: F32, ground_m: Array) -> F32:
-    """Return what the light of rocks follows from, as `object_rows.rock_surface` takes it, (m, 21).
+    """Return what the light of rocks follows from, (m, 21), for `object_rows.rock_surface`.
 
     Args:
         light: (m, 5) as `Sunlight.rock_light`.

@@ -313,6 +313,20 @@ def test_an_array_is_computed_once_for_each_recipe(calls):
     np.testing.assert_array_equal(other, 1.5 * first)
 
 
+def test_of_many_recipes_the_last_used_are_kept(calls, tmp_path):
+    for k in range(60):
+        computed(calls, k)
+    computed(calls, 0)      # is used once more
+    for k in range(60, 90):
+        computed(calls, k)
+    assert len(list((tmp_path / 'cache').parent.rglob('test_*.npz'))) == 64
+    calls.clear()
+    computed(calls, 0)
+    computed(calls, 89)
+    computed(calls, 1)
+    assert calls == [1]
+
+
 def test_a_damaged_file_is_written_again(calls, tmp_path, caplog):
     computed(calls, 2)
     file, = (tmp_path / 'cache' / 'arrays').iterdir()
