@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from site_windows import cut
+import worlds
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.ground.regolith.overlay import Overlay
@@ -10,8 +12,6 @@ from lunar_rover_sim.image.lidar.lidar import Lidar
 from lunar_rover_sim.image.rendering.snapshot import standing
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import moved, RoverPose
-from site_windows import cut
-import worlds
 
 ROVER = RoverDescription()
 QUIET = LidarConfig(noise=False)

@@ -4,12 +4,14 @@ import dataclasses
 import gc
 import json
 
+import camera_scene as scene
 import moderngl
 import numpy as np
 import psutil
 import pytest
+from site_windows import cut
+import worlds
 
-import camera_scene as scene
 from lunar_rover_sim.base.errors import RenderError
 from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.image.camera.chase import ChaseConfig, ChaseMount
@@ -19,8 +21,6 @@ from lunar_rover_sim.image.rendering.labels import LABEL_FIRST_ROCK, Numbers, vo
 from lunar_rover_sim.image.rendering.renderer import Renderer
 from lunar_rover_sim.image.rendering.snapshot import standing
 from lunar_rover_sim.rover.pose import moved, RoverPose
-from site_windows import cut
-import worlds
 
 SAMPLES = [1025, 225, 253]
 LAYERS = ('left', 'depth', 'label', 'crater', 'normal', 'radiance')
