@@ -10,9 +10,11 @@ from operator import itemgetter
 from pathlib import Path, PurePath
 import re
 import sqlite3
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 from mcap.reader import make_reader
+from mcap.records import Channel
+from mcap.stream_reader import StreamReader
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
@@ -508,15 +510,26 @@ def _check_stored_profiles(file: Path) -> None:
     if file.suffix == '.mcap':
         # Whatever is damaged here, rosbags finds too.
         with suppress(Exception), file.open('rb') as stream:
-            summary = make_reader(stream).get_summary()
-            texts = [channel.metadata.get('offered_qos_profiles')
-                     for channel in (summary.channels.values() if summary else ())]
+            for channel in _channels(stream):
+                texts.append(channel.metadata.get('offered_qos_profiles'))
     else:
         with suppress(sqlite3.Error), closing(sqlite3.connect(
                 f'{file.absolute().as_uri()}?mode=ro', uri=True)) as database:
             texts = [row[0] for row in database.execute('SELECT offered_qos_profiles FROM topics')]
     for text in texts:
         _check_profile(file, text)
+
+
+def _channels(stream: BinaryIO) -> Iterator[Channel]:
+    """Yield the channels of an MCAP file; where it has no summary, those among its messages."""
+    summary = make_reader(stream).get_summary()
+    if summary is not None and summary.channels:
+        yield from summary.channels.values()
+        return
+    stream.seek(0)
+    for record in StreamReader(stream).records:
+        if isinstance(record, Channel):
+            yield record
 
 
 def _check_profile(where: Path, text: object) -> None:

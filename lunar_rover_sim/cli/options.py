@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import contextlib
 import functools
 import itertools
@@ -16,7 +16,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from lunar_rover_sim.base.errors import ConfigError, nearest
+from lunar_rover_sim.base.errors import ConfigError, LunarRoverSimError, nearest, one_line
 from lunar_rover_sim.base.files.paths import (check_folder, check_new_folder, packaged_names,
                                               recorded_bag)
 
@@ -37,7 +37,29 @@ class Command(click.Command):
         """Read `--seeds 1 2` as `--seeds 1 --seeds 2`."""
         several = {name: option for option in self.params if isinstance(option, _Several)
                    for name in option.opts}
-        return super().parse_args(ctx, list(_one_by_one(args, several)))
+        try:
+            return super().parse_args(ctx, list(_one_by_one(args, several)))
+        except click.MissingParameter as missing:
+            _check_scenario(ctx.params, missing)
+            raise
+
+
+def _check_scenario(given: Mapping[str, Any], missing: click.MissingParameter) -> None:
+    """Raise ConfigError where a scenario is not valid, beside an option that is missing."""
+    name, overrides = given.get('scenario'), given.get('overrides') or ()
+    if not isinstance(name, str):
+        return
+    # Only here they are needed.
+    from lunar_rover_sim.ground.world.config import DEM
+    from lunar_rover_sim.ground.world.dem import dem_site
+    from lunar_rover_sim.run.scenario import Scenario
+    try:
+        world = Scenario.load(name, overrides).world
+        if world.source == DEM:
+            dem_site(world)
+    except LunarRoverSimError as error:
+        text = one_line(missing.format_message())
+        raise ConfigError(f'{error}; also {text[0].lower()}{text[1:]}') from None
 
 
 def _one_by_one(args: Sequence[str], several: dict[str, _Several]) -> Iterator[str]:

@@ -10,7 +10,7 @@ import struct
 import subprocess
 import sys
 
-from mcap.writer import Writer as McapWriter
+from mcap.writer import IndexType, Writer as McapWriter
 import pytest
 import synthetic_bag as synthetic
 import yaml
@@ -115,12 +115,17 @@ def test_yaml_that_is_nested_too_deeply_is_refused(written, tmp_path):
 
     for text in ('[' * 100_000, '- ' * 100_000, '{a: ' * 50_000):
         (copy('mcap') / marker.METADATA_NAME).write_text(text)
-    with (copy('mcap') / 'bag.mcap').open('wb') as file:
-        writer = McapWriter(file)
-        writer.start('ros2', '')
-        schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data')
-        writer.register_channel('/a', 'cdr', schema, {'offered_qos_profiles': '[' * 100_000})
-        writer.finish()
+    for summary in (True, False):
+        with (copy('mcap') / 'bag.mcap').open('wb') as file:
+            writer = McapWriter(file, **({} if summary else {
+                'use_statistics': False, 'use_summary_offsets': False, 'repeat_channels': False,
+                'repeat_schemas': False, 'index_types': IndexType.NONE}))
+            writer.start('ros2', '')
+            schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data')
+            channel = writer.register_channel('/a', 'cdr', schema,
+                                              {'offered_qos_profiles': '[' * 100_000})
+            writer.add_message(channel, 1, b'\0\1\0\0\1\0\0\0\0', 1)
+            writer.finish()
     with closing(sqlite3.connect(copy('sqlite3') / 'bag.db3')) as database, database:
         database.execute('UPDATE topics SET offered_qos_profiles = ?', ('[' * 100_000,))
     path = copy('mcap') / marker.METADATA_NAME

@@ -29,6 +29,11 @@ BAD_INPUT = {
     'evaluate a b --aling se3': (2, "Did you mean '--align'?"),
     'world sun 0 -89 --stpe 3': (2, "No such option '--stpe'"),
     'run flat': (2, "Missing option '-o' / '--output'"),
+    # What is wrong is told beside what is missing.
+    'run dem': (1, 'world.path: not_set: no such file; valid is a GeoTIFF, or a folder with dem.npy '
+                   "and dem.yaml: --set world.path=FILE; also missing option '-o' / '--output'"),
+    'run flat --set sun.elevation=5': (1, 'did you mean render_node.sun.elevation_deg?; also '
+                                          "missing option '-o'"),
     'run flat -o': (2, "'-o' requires an argument"),
     'benchmark -o {new} --scenarios --seeds 2': (2, "'--scenarios' requires an argument"),
     'run flat dem -o {new}': (2, 'unexpected extra argument (dem)'),
