@@ -30,8 +30,8 @@ BAD_INPUT = {
     'world sun 0 -89 --stpe 3': (2, "No such option '--stpe'"),
     'run flat': (2, "Missing option '-o' / '--output'"),
     # What is wrong is told beside what is missing.
-    'run dem': (1, 'world.path: not_set: no such file; valid is a GeoTIFF, or a folder with dem.npy '
-                   "and dem.yaml: --set world.path=FILE; also missing option '-o' / '--output'"),
+    'run dem': (1, 'world.path: not_set: no such file; valid is a GeoTIFF, or a folder with '
+                   "dem.npy and dem.yaml: --set world.path=FILE; also missing option '-o'"),
     'run flat --set sun.elevation=5': (1, 'did you mean render_node.sun.elevation_deg?; also '
                                           "missing option '-o'"),
     'run flat -o': (2, "'-o' requires an argument"),
