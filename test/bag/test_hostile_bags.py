@@ -10,7 +10,8 @@ import struct
 import subprocess
 import sys
 
-from mcap.writer import IndexType, Writer as McapWriter
+from mcap.writer import IndexType
+from mcap.writer import Writer as McapWriter
 import pytest
 import synthetic_bag as synthetic
 import yaml
