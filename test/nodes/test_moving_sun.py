@@ -168,7 +168,7 @@ def test_a_restart_takes_the_ground_back_for_readers_too() -> None:
     with simulate(world, ground=SOFT) as simulation:
         overlay = simulation.overlay
         assert overlay is not None
-        publisher = GroundPublisher(bus, overlay, world.ground,  # type: ignore[arg-type]
+        publisher = GroundPublisher(bus, overlay, lambda: world.ground,  # type: ignore[arg-type]
                                     PERIOD_NS, 'ground_truth/odom')
         start = overlay.snapshot()
 
@@ -195,7 +195,7 @@ def test_a_reset_in_the_run_takes_the_ground_back_by_changes() -> None:
     listener = GroundListener(bus, lambda: None)  # type: ignore[arg-type]
     with simulate(world, ground=SOFT) as simulation:
         assert simulation.overlay is not None
-        publisher = GroundPublisher(bus, simulation.overlay, world.ground,  # type: ignore
+        publisher = GroundPublisher(bus, simulation.overlay, lambda: world.ground,  # type: ignore
                                     PERIOD_NS, 'odom')
         start = simulation.overlay.snapshot()
         trot(simulation, 1.0)

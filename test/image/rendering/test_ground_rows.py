@@ -147,7 +147,8 @@ def test_the_relief_of_both_tiles(pixels):
     detail = rng.choice([0.0, 1.0, 2.0, 2.4, 3.0, 4.7, 5.0], N).astype(F32)
     out, (coarse, fine) = arrays(6), map(packed_levels, codes)
     relief_rows.relief_of(
-        depth, x, y, detail, np.array([1.0 / 6.4, 1.0 / 1.6, 1.0], F32), F32(0.5),
+        depth, x, y, detail, np.append([1.0 / 6.4, 1.0 / 1.6, 1.0], np.zeros(10)).astype(F32),
+        F32(0.5),
         np.array([0.2, 0.4], F32), *coarse, *fine, *out)
     p, own, following, lead = places(np.stack([x, y], axis=1).astype(float))
     lead *= 0.2             # over a wider zone

@@ -53,12 +53,18 @@ def test_units_and_gravity(stage: Usd.Stage, moon: World) -> None:
 
 
 def test_ground_is_what_mujoco_collides_with(stage: Usd.Stage, moon: World) -> None:
-    """Every vertex of MuJoCo's height field is one of the mesh within 1 um, and no other is."""
+    """Every vertex of MuJoCo's height fields is one of the mesh within 1 um, and no other is."""
     model = build_model(moon, RoverDescription(), PhysicsConfig())
-    geom = int(np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD)[0])
-    n = moon.ground.n
-    z = (model.hfield_data.reshape(n, n) * model.hfield_size[0, 2] + model.geom_pos[geom, 2])
-    axis = np.linspace(-model.hfield_size[0, 0], model.hfield_size[0, 0], n)
+    n, cell, half = moon.ground.n, moon.ground.cell_m, moon.ground.half_extent_m
+    z, axis = np.full((n, n), np.nan), np.linspace(-half, half, n)
+    for geom in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD):
+        field, (x, y, low) = model.geom_dataid[geom], model.geom_pos[geom]
+        rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
+        first = model.hfield_adr[field]
+        part = model.hfield_data[first:first + rows * columns].reshape(rows, columns)
+        west, south = (round((v - reach + half) / cell)
+                       for v, reach in zip((x, y), model.hfield_size[field]))
+        z[south:south + rows, west:west + columns] = part * model.hfield_size[field, 2] + low
     seen = np.zeros((n, n), int)
     triangles = 0
     for tile in tiles(stage):
@@ -92,7 +98,8 @@ def test_rocks_are_what_mujoco_collides_with(stage: Usd.Stage, moon: World) -> N
     geoms = [g for g in range(model.ngeom) if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH]
     rocks = stage.GetPrimAtPath('/World/rocks').GetChildren()
     assert len(rocks) == len(moon.rocks) == len(geoms) > 10
-    for geom, rock in zip(geoms[:40], rocks[:40]):
+    by_key = np.argsort(moon.rocks.key, kind='stable').tolist()     # as MuJoCo has them
+    for geom, rock in zip(geoms[:40], (rocks[k] for k in by_key)):
         assert rock.IsInstance()
         hull = next(p for p in Usd.PrimRange(rock, Usd.TraverseInstanceProxies())
                     if p.IsA(UsdGeom.Mesh))
