@@ -115,7 +115,7 @@ class RenderNode(node_main.GraphNode):
             self, [publisher for camera in self._cameras for publisher in camera.publishers],
             config.participants if config.lockstep else ())
         self._sun = MovingSun(self, config, self._renderer)
-        self._labels = LabelPublisher(self, self._renderer, rover.legs.names)
+        LabelPublisher(self, self._renderer, rover.legs.names)
         if not config.miscalibration.perfect:
             told = json.dumps(Miscalibration.drawn(config.miscalibration, config.seed).told(
                 config.camera))

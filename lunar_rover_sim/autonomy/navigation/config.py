@@ -136,7 +136,6 @@ class GlobalPlanConfig(Parameters):
                                 low=1.0, high=1e4)
     ahead_m: float = param(5.0, 'distance along the plan to the place that the local plan leads '
                            'to', unit='m', low=0.5, high=50.0)
-    news: int = param(6, 'new plans at one place, after which it gives up', low=0, high=100)
 
 
 @dataclasses.dataclass(frozen=True)

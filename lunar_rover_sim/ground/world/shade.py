@@ -89,7 +89,7 @@ def add_domes(heights_m: NDArray[np.float32], cell_m: float, first: ArrayLike,
     Args:
         first: (2,) place of the sample [0, 0], x and y [cells].
     """
-    position = rocks.position_m[:, :2] / cell_m - first
+    position = rocks.position_m[:, :2] / cell_m - np.asarray(first, float)
     for (x0, y0), z, diameter in zip(position, rocks.position_m[:, 2], rocks.diameter_m):
         radius = 0.5 * diameter / cell_m
         if radius < 0.5:

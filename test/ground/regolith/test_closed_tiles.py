@@ -58,7 +58,8 @@ def test_nothing_tells_whether_tiles_are_closed(monkeypatch: pytest.MonkeyPatch)
     assert drive(monkeypatch, 30) == drive(monkeypatch, 10**9)
 
 
-def test_memory_of_a_long_way_is_that_of_what_it_changed(few_open: None) -> None:
+@pytest.mark.usefixtures('few_open')
+def test_memory_of_a_long_way_is_that_of_what_it_changed() -> None:
     """A strip of prints of 1 km: the index is bounded, and most tiles are closed."""
     overlay, rng = Overlay(), np.random.default_rng(1)
     for k in range(2000):
@@ -72,7 +73,8 @@ def test_memory_of_a_long_way_is_that_of_what_it_changed(few_open: None) -> None
         for y in (-5, 3)}
 
 
-def test_a_print_on_old_tracks_is_that_on_tracks_that_were_never_closed(few_open: None) -> None:
+@pytest.mark.usefixtures('few_open')
+def test_a_print_on_old_tracks_is_that_on_tracks_that_were_never_closed() -> None:
     """Compiled code finds them where they were gathered; negative zeros keep their sign."""
     ground, prints = HeightGrid(np.zeros((401, 401), np.float32), 0.025), []
     for away in (0, 60):
