@@ -4,12 +4,15 @@ import os
 from pathlib import Path
 import re
 import subprocess
+import sys
 
 import pytest
 import yaml
 
 ROOT = Path(__file__).parents[1]
 ACTION = ROOT / '.github/actions/judge'
+# The commands of this interpreter's environment, which need not be on the path of who tests.
+PATH = os.pathsep.join([str(Path(sys.executable).parent), os.environ['PATH']])
 
 
 @pytest.mark.parametrize('name', ['test', 'release'])
@@ -47,16 +50,17 @@ def test_the_script_fails_above_a_bound_only(tmp_path: Path) -> None:
     def judged(bound: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [ACTION / 'judge'], capture_output=True, text=True, cwd=tmp_path,
-            env={**os.environ, 'SCENARIO': 'flat', 'DURATION': '1', 'MAX_ATE': bound,
+            env={**os.environ, 'PATH': PATH, 'SCENARIO': 'flat', 'DURATION': '1', 'MAX_ATE': bound,
                  'OUTPUT': f'of_{bound}', 'RUN': f'python {program} {{times}} {{out}}'})
     strict = judged('0.000001')
     assert strict.returncode == 1
     assert 'ATE is' in strict.stderr and '--max-ate asks for at most 1e-06 m' in strict.stderr
     assert (tmp_path / 'of_0.000001/result/result.json').is_file()
     # The same drive again would take as long as the first.
-    kept = subprocess.run(['lunar_rover_sim', 'slam', 'run', 'of_0.000001/drive', '-o', 'again',
+    kept = subprocess.run([Path(PATH.split(os.pathsep)[0]) / 'lunar_rover_sim', 'slam', 'run', 'of_0.000001/drive', '-o', 'again',
                            '--system', 'command', '--run', f'python {program} {{times}} {{out}}',
-                           '--max-ate', '1'], capture_output=True, text=True, cwd=tmp_path)
+                           '--max-ate', '1'], capture_output=True, text=True, cwd=tmp_path,
+                          env={**os.environ, 'PATH': PATH})
     assert kept.returncode == 0, kept.stderr
 
 
