@@ -12,7 +12,8 @@ import yaml
 ROOT = Path(__file__).parents[1]
 ACTION = ROOT / '.github/actions/judge'
 # The commands of this interpreter's environment, which need not be on the path of who tests.
-PATH = os.pathsep.join([str(Path(sys.executable).parent), os.environ['PATH']])
+BIN = Path(sys.executable).parent
+PATH = f"{BIN}:{os.environ['PATH']}"
 
 
 @pytest.mark.parametrize('name', ['test', 'release'])
@@ -57,8 +58,8 @@ def test_the_script_fails_above_a_bound_only(tmp_path: Path) -> None:
     assert 'ATE is' in strict.stderr and '--max-ate asks for at most 1e-06 m' in strict.stderr
     assert (tmp_path / 'of_0.000001/result/result.json').is_file()
     # The same drive again would take as long as the first.
-    kept = subprocess.run([Path(PATH.split(os.pathsep)[0]) / 'lunar_rover_sim', 'slam', 'run', 'of_0.000001/drive', '-o', 'again',
-                           '--system', 'command', '--run', f'python {program} {{times}} {{out}}',
+    kept = subprocess.run([BIN / 'lunar_rover_sim', 'slam', 'run', 'of_0.000001/drive',
+                           '-o', 'again', '--system', 'command', '--run', f'python {program} {{times}} {{out}}',
                            '--max-ate', '1'], capture_output=True, text=True, cwd=tmp_path,
                           env={**os.environ, 'PATH': PATH})
     assert kept.returncode == 0, kept.stderr
