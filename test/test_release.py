@@ -59,7 +59,8 @@ def test_the_script_fails_above_a_bound_only(tmp_path: Path) -> None:
     assert (tmp_path / 'of_0.000001/result/result.json').is_file()
     # The same drive again would take as long as the first.
     kept = subprocess.run([BIN / 'lunar_rover_sim', 'slam', 'run', 'of_0.000001/drive',
-                           '-o', 'again', '--system', 'command', '--run', f'python {program} {{times}} {{out}}',
+                           '-o', 'again', '--system', 'command',
+                           '--run', f'python {program} {{times}} {{out}}',
                            '--max-ate', '1'], capture_output=True, text=True, cwd=tmp_path,
                           env={**os.environ, 'PATH': PATH})
     assert kept.returncode == 0, kept.stderr
