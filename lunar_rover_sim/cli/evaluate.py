@@ -13,7 +13,7 @@ from lunar_rover_sim.base.files.results import json_text
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_json, print_table, say
 from lunar_rover_sim.judge.evaluation.registration import MODES
-from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
+from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate, Evaluation
 from lunar_rover_sim.judge.evaluation.trajectory_plots import save_plots
 from lunar_rover_sim.judge.evaluation.trajectory_sources import bag_of
 from lunar_rover_sim.run.recorded_run import FRAMES
@@ -69,8 +69,9 @@ def trajectory(truth: str, estimate: str, align: str, truth_frame: str, estimate
                as_json: bool) -> int:
     """Judge an estimated trajectory against the truth.
 
-    Prints ATE, RPE, drift, scale and tracked share. Inputs are TUM, EuRoC or KITTI files, a bag
-    (its odometry), or BAG:TOPIC.
+    Prints ATE, RPE, drift, scale, tracked share, errors over distance and, of an estimate with
+    covariances, its consistency (NEES). Inputs are TUM (also with 21 columns of covariance),
+    EuRoC or KITTI files, a bag (its odometry), or BAG:TOPIC.
     """
     result = evaluate(truth, estimate, align=align, truth_frame=truth_frame,
                       estimate_frame=estimate_frame, tolerance_s=tolerance, distance_m=distance,
@@ -97,6 +98,7 @@ def trajectory(truth: str, estimate: str, align: str, truth_frame: str, estimate
         f'of distance (at the end {_number(result.end_drift_percent, 2)} %), '
         f'{result.length_m:.2f} m, tracked {100 * result.tracked_share:.1f} %, '
         f'{len(result.estimate)} poses, {result.unmatched} without truth')
+    _say_more(result)
     if jumps := result.jumps:
         stamp_s, size_m = max(jumps, key=lambda jump: jump[1])
         count = 'once,' if len(jumps) == 1 else f'{len(jumps)} times, most'
@@ -112,6 +114,24 @@ def trajectory(truth: str, estimate: str, align: str, truth_frame: str, estimate
         say(path)
     check_bounds(result.ate_m.rmse, result.tracked_share, max_ate, min_tracked)
     return 0
+
+
+def _say_more(result: Evaluation) -> None:
+    """Print errors over distance, and, of an estimate with covariances, its consistency."""
+    if result.over_distance:
+        print_table(('over', 'error [m]', '[%]', '[deg]', 'pairs'), 1, (
+            (Text(f'{e.distance_m:g} m'), _number(e.error_m, 5), _number(e.error_percent, 2),
+             _number(e.error_deg, 3), str(e.pairs)) for e in result.over_distance),
+            box=None, pad_edge=False)
+    if (told := result.consistency) is not None:
+        for name, nees in (('position', told.position), ('orientation', told.orientation)):
+            say(f'NEES per degree of freedom, {name}: {_number(nees.per_dof, 2)}; consistent is '
+                f'{nees.low:.2f} to {nees.high:.2f} for one drive, '
+                f'{100 * nees.share_inside:.0f} % of {nees.poses} poses are in it')
+        say(f'the first pose is exact in {told.frame}')
+    if (found := result.fixes) is not None:
+        say(f'first fix after {_number(found.first_s, 1)} s and {_number(found.first_m, 1)} m; '
+            f'{found.count} fixes, {found.false} of them false')
 
 
 def _number(value: float, digits: int) -> str:

@@ -16,6 +16,7 @@ from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
 
 PAIR_TOLERANCE = 0.1  # of the distance between the poses of a pair
+DISTANCES_M = 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,6 +83,38 @@ def relative_errors(truth: Trajectory, estimate: Trajectory,
     # E = (true motion)^-1 (estimated motion); the norm of its translation is free of rotation.
     return (np.linalg.norm(shift_estimate - shift, axis=1),
             (turn.inv() * turn_estimate).magnitude())
+
+
+@dataclasses.dataclass(frozen=True)
+class DistanceError:
+    """Mean relative errors of the pairs of poses that are a distance apart.
+
+    Attributes:
+        distance_m: Along the truth.
+        error_m, error_percent, error_deg: Of the translation, also in percent of the distance,
+            and of the rotation.
+        pairs: Number of pairs.
+    """
+
+    distance_m: float
+    error_m: float
+    error_percent: float
+    error_deg: float
+    pairs: int
+
+
+def errors_over_distance(truth: Trajectory, estimate: Trajectory) -> tuple[DistanceError, ...]:
+    """Return the errors over 1, 2, 5, 10 m ... as far as the path is long."""
+    found = []
+    for distance_m in DISTANCES_M:
+        pairs = pairs_by_distance(truth, distance_m)
+        if not len(pairs):
+            continue
+        errors_m, errors_rad = relative_errors(truth, estimate, pairs)
+        mean_m = float(np.mean(errors_m))
+        found.append(DistanceError(distance_m, mean_m, 100.0 * mean_m / distance_m,
+                                   float(np.degrees(np.mean(errors_rad))), len(pairs)))
+    return tuple(found)
 
 
 def _pairs(progress: Array, delta: float, slack: float) -> NDArray[np.int64]:

@@ -16,6 +16,7 @@ from lunar_rover_sim.base.frames import Array, distance_along
 
 Stamps = NDArray[np.int64]
 _UNIT_TOLERANCE = 0.02      # of a quaternion's length: two decimals in a file leave 1 %
+_ASYMMETRY = 1e-6           # of a covariance, relative to its largest number
 
 
 class StampedState(Protocol):
@@ -43,16 +44,19 @@ class Trajectory:
         positions_m: (n, 3).
         orientations_wxyz: (n, 4), normalised on construction.
         name: How errors and plots name it, for instance a file.
+        covariances: (n, 6, 6) of x, y, z [m] and of the turn about the fixed axes X, Y, Z [rad],
+            as geometry_msgs/PoseWithCovariance has them; None where nobody tells them.
 
     Raises:
-        EvaluationError: If shapes differ, stamps are not whole numbers or do not increase, or a
-            number is not finite.
+        EvaluationError: If shapes differ, stamps are not whole numbers or do not increase, a
+            number is not finite, or a covariance is none.
     """
 
     stamps_ns: Stamps
     positions_m: Array
     orientations_wxyz: Array
     name: str = 'trajectory'
+    covariances: Array | None = None
 
     @classmethod
     def of_states(cls, states: Iterable[StampedState], name: str = 'truth') -> Trajectory:
@@ -94,10 +98,30 @@ class Trajectory:
                                   f'length {norms[np.argmax(off)]:.4g}; valid is 1 within '
                                   f'{100 * _UNIT_TOLERANCE:g} %')
         quats /= norms[:, None]
-        for field, value in (('stamps_ns', stamps), ('positions_m', positions),
-                             ('orientations_wxyz', quats)):
+        arrays = {'stamps_ns': stamps, 'positions_m': positions, 'orientations_wxyz': quats}
+        if self.covariances is not None:
+            arrays['covariances'] = self._checked_covariances(n)
+        for field, value in arrays.items():
             value.setflags(write=False)
             object.__setattr__(self, field, value)
+
+    def _checked_covariances(self, n: int) -> Array:
+        covariances = np.array(self.covariances, dtype=float)
+        if covariances.shape != (n, 6, 6):
+            raise EvaluationError(f'{self.name}: {n} stamps and covariances {covariances.shape}; '
+                                  'valid is (n, 6, 6)')
+        sizes = np.abs(covariances).max(axis=(1, 2), initial=0.0)
+        good = np.isfinite(sizes)
+        odd = np.abs(covariances - covariances.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
+        good &= odd <= _ASYMMETRY * sizes
+        safe = np.where(good[:, None, None], covariances, np.eye(6))
+        good &= np.linalg.eigvalsh(0.5 * (safe + safe.transpose(0, 2, 1)))[:, 0] \
+            >= -_ASYMMETRY * sizes
+        if not good.all():
+            raise EvaluationError(f'{self.name}: the matrix of pose {int(np.argmin(good))} is no '
+                                  'covariance: valid are finite, symmetric ones without negative '
+                                  'eigenvalues')
+        return covariances
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -125,24 +149,40 @@ class Trajectory:
     def select(self, keep: ArrayLike) -> Trajectory:
         """Return the poses of an index or boolean array."""
         index = np.asarray(keep)
+        covariances = None if self.covariances is None else self.covariances[index]
         return Trajectory(self.stamps_ns[index], self.positions_m[index],
-                          self.orientations_wxyz[index], self.name)
+                          self.orientations_wxyz[index], self.name, covariances)
 
     def moved(self, rotation: ArrayLike, translation_m: ArrayLike,
               scale: float = 1.0) -> Trajectory:
         """Return the trajectory in another fixed frame: p -> scale R p + t, q -> R q."""
         R = np.asarray(rotation, dtype=float)
         positions = scale * self.positions_m @ R.T + np.asarray(translation_m, dtype=float)
+        J = np.zeros((6, 6))
+        J[:3, :3], J[3:, 3:] = scale * R, R
         return Trajectory(self.stamps_ns, positions,
-                          wxyz(Rotation.from_matrix(R) * self.rotations), self.name)
+                          wxyz(Rotation.from_matrix(R) * self.rotations), self.name,
+                          self._spread(J))
 
     def of_frame(self, T_moving_other: ArrayLike) -> Trajectory:
         """Return the trajectory of another frame that is rigidly fixed to the moving one."""
         T = np.asarray(T_moving_other, dtype=float)
         rotations = self.rotations
         positions = self.positions_m + rotations.apply(T[:3, 3])
+        # The arm to the other frame turns with the moving one: dp' = dp + dtheta x arm.
+        arm = positions - self.positions_m
+        J = np.tile(np.eye(6), (len(arm), 1, 1))
+        J[:, 0, 4], J[:, 1, 5], J[:, 2, 3] = arm[:, 2], arm[:, 0], arm[:, 1]
+        J[:, 0, 5], J[:, 1, 3], J[:, 2, 4] = -arm[:, 1], -arm[:, 2], -arm[:, 0]
         return Trajectory(self.stamps_ns, positions,
-                          wxyz(rotations * Rotation.from_matrix(T[:3, :3])), self.name)
+                          wxyz(rotations * Rotation.from_matrix(T[:3, :3])), self.name,
+                          self._spread(J))
+
+    def _spread(self, J: Array) -> Array | None:
+        """Return the covariances of what has these derivatives, (6, 6) or (n, 6, 6)."""
+        if self.covariances is None:
+            return None
+        return np.asarray(J @ self.covariances @ np.swapaxes(J, -1, -2))
 
 
 def wxyz(rotations: Rotation) -> Array:

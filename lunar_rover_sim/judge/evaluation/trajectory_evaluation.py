@@ -15,7 +15,8 @@ from lunar_rover_sim.base.files.results import plain
 from lunar_rover_sim.base.frames import Array, inverse
 from lunar_rover_sim.base.seconds import EPOCH_NS
 from lunar_rover_sim.judge.evaluation import metrics
-from lunar_rover_sim.judge.evaluation.metrics import Statistics
+from lunar_rover_sim.judge.evaluation.consistency import Consistency, consistency, Fixes, fixes
+from lunar_rover_sim.judge.evaluation.metrics import DistanceError, Statistics
 from lunar_rover_sim.judge.evaluation.registration import align as align_trajectories
 from lunar_rover_sim.judge.evaluation.registration import Alignment, associate, DEFAULT_TOLERANCE_S
 from lunar_rover_sim.judge.evaluation.trajectory import Stamps, Trajectory
@@ -65,6 +66,11 @@ class Evaluation:
         length_m: Distance driven along the whole truth, in the frame it is given in.
         tracked_share: Share of the frames (of the images, if they are known) with a pose.
         unmatched: Poses of the estimate without a true one.
+        over_distance: Relative errors over 1, 2, 5, 10 m ..., as far as the path is long.
+        consistency: Errors against the covariances of the estimate; None if it has none. No
+            alignment touches it.
+        fixes: Where an estimate finds its place that began without knowing it; None for others,
+            and unless it is aligned by none.
     """
 
     truth: Trajectory
@@ -83,6 +89,9 @@ class Evaluation:
     length_m: float
     tracked_share: float
     unmatched: int
+    over_distance: tuple[DistanceError, ...] = ()
+    consistency: Consistency | None = None
+    fixes: Fixes | None = None
 
     def __repr__(self) -> str:
         # A short drive has no drift: that is measured over stretches of it.
@@ -131,10 +140,11 @@ class Evaluation:
             **dataclasses.asdict(self.options), 'poses': len(self.estimate)}
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, Statistics):
+            if isinstance(value, (Statistics, Consistency, Fixes)):
                 result[field.name] = dataclasses.asdict(value)
-            elif isinstance(value, (int, float)):
+            elif value is None or isinstance(value, (int, float)):
                 result[field.name] = value
+        result['over_distance'] = [dataclasses.asdict(error) for error in self.over_distance]
         result['alignment'] = {'rotation': self.alignment.rotation.tolist(),
                                'translation_m': self.alignment.translation_m.tolist(),
                                'scale': self.alignment.scale}
@@ -233,7 +243,10 @@ def _compare(truth: Trajectory, estimate: Trajectory, options: EvaluationOptions
         scale=_scale(pair.estimate, pair.truth), drift_percent=drift,
         end_drift_percent=_end_drift(pair.truth, aligned), length_m=truth.length_m,
         tracked_share=_tracked(truth, pair.estimate, options.tolerance_s, frame_stamps_ns),
-        unmatched=pair.unmatched)
+        unmatched=pair.unmatched,
+        over_distance=metrics.errors_over_distance(pair.truth, aligned),
+        consistency=consistency(pair.truth, pair.estimate),
+        fixes=fixes(pair.truth, pair.estimate) if options.align == 'none' else None)
 
 
 def _scale(estimate: Trajectory, truth: Trajectory) -> float:

@@ -2,6 +2,8 @@
 
 - TUM: `stamp x y z qx qy qz qw`, stamps in seconds. For EuRoC input ORB-SLAM3 writes ns there;
   the size of the numbers shows which they are.
+- TUM with covariance: 21 more columns, the upper triangle, row by row, of the (6, 6) matrix of
+  x, y, z [m] and of the turn about the fixed axes [rad], as geometry_msgs/PoseWithCovariance.
 - EuRoC: CSV, `stamp [ns], x, y, z, qw, qx, qy, qz` and more columns, which are not read.
 - KITTI: the upper three rows of T_fixed_moving, 12 numbers, no stamps; those come from a file with
   one stamp a line (seconds, or integer ns). Without it they are numbered at 10 Hz.
@@ -10,6 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +21,7 @@ from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import check_regular
-from lunar_rover_sim.base.frames import wxyz_from_matrix
+from lunar_rover_sim.base.frames import Array, wxyz_from_matrix
 from lunar_rover_sim.base.seconds import from_seconds, in_seconds
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
 
@@ -26,6 +29,7 @@ from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
 _NS_FROM = 1e12
 _KITTI_PERIOD_NS = 100_000_000
 _MAX_BYTES = 1 << 30
+_COVARIANCE_COLUMNS = 8 + 21
 _LARGEST = 1e12     # of a coordinate [m]: beyond the planets
 
 
@@ -69,12 +73,37 @@ def read_kitti(path: Path | str, times: Path | str | None = None) -> Trajectory:
     return Trajectory(stamps, matrices[:, :, 3].reshape(-1, 3), quats, str(path))
 
 
+def read_tum_covariance(path: Path | str) -> Trajectory:
+    """Read a TUM file with covariances; raise EvaluationError that names file and line."""
+    path = Path(path)
+    rows = list(_rows(path, _COVARIANCE_COLUMNS, _COVARIANCE_COLUMNS))
+    trajectory = _from_rows(path, rows, (4, 5, 6, 7))
+    upper = np.array([[_number(path, line, word) for word in words[8:]] for line, words in rows])
+    covariances = np.zeros((len(rows), 6, 6))
+    i, j = np.triu_indices(6)
+    covariances[:, i, j] = covariances[:, j, i] = upper
+    return dataclasses.replace(trajectory, covariances=covariances)
+
+
 def write_tum(path: Path | str, trajectory: Trajectory) -> None:
     """Write a TUM file, stamps exact to the ns; raise EvaluationError if that fails."""
     q = trajectory.orientations_wxyz
-    numbers = np.hstack([trajectory.positions_m, q[:, 1:], q[:, :1]]).tolist()
+    _write_rows(path, trajectory, np.hstack([trajectory.positions_m, q[:, 1:], q[:, :1]]))
+
+
+def write_tum_covariance(path: Path | str, trajectory: Trajectory) -> None:
+    """Write a TUM file with covariances; raise EvaluationError if that fails or there are none."""
+    if trajectory.covariances is None:
+        raise EvaluationError(f'{trajectory.name}: has no covariances')
+    q = trajectory.orientations_wxyz
+    i, j = np.triu_indices(6)
+    _write_rows(path, trajectory, np.hstack([trajectory.positions_m, q[:, 1:], q[:, :1],
+                                             trajectory.covariances[:, i, j]]))
+
+
+def _write_rows(path: Path | str, trajectory: Trajectory, numbers: Array) -> None:
     lines = (f'{in_seconds(ns)} {" ".join(map(repr, row))}\n'
-             for ns, row in zip(trajectory.stamps_ns.tolist(), numbers))
+             for ns, row in zip(trajectory.stamps_ns.tolist(), numbers.tolist()))
     atomic_write(path, ''.join(lines), EvaluationError)
 
 
@@ -89,8 +118,11 @@ def read_trajectory(path: Path | str, times: Path | str | None = None) -> Trajec
             return read_euroc(path)
         if count == 8:
             return read_tum(path)
-        raise EvaluationError(f'{path}: line {line} has {count} columns; valid are 8 (TUM), 12 '
-                              '(KITTI), or a .csv file (EuRoC)')
+        if count == _COVARIANCE_COLUMNS:
+            return read_tum_covariance(path)
+        raise EvaluationError(f'{path}: line {line} has {count} columns; valid are 8 (TUM), '
+                              f'{_COVARIANCE_COLUMNS} (TUM with covariance), 12 (KITTI), or a '
+                              '.csv file (EuRoC)')
     raise EvaluationError(f'{path}: holds no poses')
 
 

@@ -56,7 +56,8 @@ POSES_OF: dict[str, Callable[[Any], Iterator[_Pose]]] = {
 def trajectory_of_topic(bag: Bag, topic: str = '') -> Trajectory:
     """Return the poses of a topic, by default the true ones.
 
-    Of a Path the last message counts, since it holds all.
+    Of a Path the last message counts, since it holds all. Covariances are those of a
+    PoseWithCovarianceStamped, unless all are 0.
 
     Raises:
         BagError: If there is no such topic.
@@ -68,15 +69,18 @@ def trajectory_of_topic(bag: Bag, topic: str = '') -> Trajectory:
         raise EvaluationError(f'{bag.path}: topic {name} is a {msgtype}; valid are '
                               + ', '.join(sorted(POSES_OF)))
     poses = Rows()
+    has_covariance = msgtype == 'geometry_msgs/msg/PoseWithCovarianceStamped'
     for _, _, message in bag.messages([name]):
         if msgtype == 'nav_msgs/msg/Path':
             poses = Rows()
+        covariance = message.pose.covariance if has_covariance else ()
         for ns, position, orientation in POSES_OF[msgtype](message):
-            poses.add(ns, (*xyz(position), *wxyz(orientation)))
+            poses.add(ns, (*xyz(position), *wxyz(orientation), *covariance))
     if not len(poses):
         raise EvaluationError(f'{bag.path}: topic {name} holds no poses')
     stamps_ns, rows = poses.arrays()
-    return Trajectory(stamps_ns, rows[:, :3], rows[:, 3:], f'{bag.path}:{name}')
+    covariances = rows[:, 7:].reshape(-1, 6, 6) if has_covariance and rows[:, 7:].any() else None
+    return Trajectory(stamps_ns, rows[:, :3], rows[:, 3:7], f'{bag.path}:{name}', covariances)
 
 
 def is_bag(path: Path) -> bool:
