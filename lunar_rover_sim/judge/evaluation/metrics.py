@@ -111,9 +111,10 @@ def errors_over_distance(truth: Trajectory, estimate: Trajectory) -> tuple[Dista
         if not len(pairs):
             continue
         errors_m, errors_rad = relative_errors(truth, estimate, pairs)
-        mean_m = float(np.mean(errors_m))
-        found.append(DistanceError(distance_m, mean_m, 100.0 * mean_m / distance_m,
-                                   float(np.degrees(np.mean(errors_rad))), len(pairs)))
+        apart_m = truth.distances_m[pairs[:, 1]] - truth.distances_m[pairs[:, 0]]
+        found.append(DistanceError(
+            distance_m, float(np.mean(errors_m)), 100.0 * float(np.mean(errors_m / apart_m)),
+            float(np.degrees(np.mean(errors_rad))), len(pairs)))
     return tuple(found)
 
 
