@@ -60,6 +60,8 @@ def _route(text: str) -> str | list[tuple[float, float]]:
 @options.world()
 @click.option('--domain', type=int, metavar='N',
               help='ROS_DOMAIN_ID to use; by default a free one of this machine')
+@click.option('--join', is_flag=True, help='take part in a graph that runs already, in --domain '
+              'or the ROS_DOMAIN_ID of the shell: its nodes may publish tf and tf_static')
 @click.option('--goal', type=options.place, metavar='X,Y', help='drive there [m], by what the '
               'cameras see: mapping_node and navigator_node take the place of drive_node; the run '
               'ends when the rover has arrived or given up')
@@ -82,7 +84,7 @@ def _route(text: str) -> str | list[tuple[float, float]]:
               'this size; all files together stay one bag (default: one file)')
 @options.overrides(fast=True)
 def run(scenario: str, output: Path, duration: float | None, seed: int | None, real_time: bool,
-        world: Path | None, domain: int | None, goal: tuple[float, float] | None,
+        world: Path | None, domain: int | None, join: bool, goal: tuple[float, float] | None,
         route: str | list[tuple[float, float]] | None, avoid: bool, slam: str | None,
         view: int | None, allow_origin: Sequence[str], teleop: bool,
         policy: str | None, max_bag_size: int | None, overrides: list[str]) -> int:
@@ -133,7 +135,7 @@ def run(scenario: str, output: Path, duration: float | None, seed: int | None, r
     with _stop_request() as stop_request, Progress('starting') as progress:
         display = _Display(progress)
         try:
-            recording = record(chosen, output, world=world, domain=domain,
+            recording = record(chosen, output, world=world, domain=domain, join=join,
                                should_stop=stop_request.is_made, on_start=start,
                                on_progress=update, on_warning=say, on_way=display.way)
         finally:

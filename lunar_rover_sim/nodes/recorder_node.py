@@ -223,7 +223,8 @@ class RecorderNode(node_main.GraphNode):
             # A message without a stamp gets the newest time, a latched one the start.
             self._rate.tick()
             self._lately[name] = self._lately.get(name, 0) + 1
-            latest_ns = None if is_clock or not self._clock_ns else self._clock_ns + _LATEST_NS
+            has_time = self._clock_ns or self._clock_name in self._needed
+            latest_ns = self._clock_ns + _LATEST_NS if has_time and not is_clock else None
             if at_wall_time:    # its messages get the time of their arrival in the bag
                 latest_ns = 0
             stamp_ns = self._writer.write(name, type_name, raw, 0 if latched else self._newest_ns,

@@ -102,10 +102,13 @@ class WrittenStamps:
         return self._up_to_ns
 
     def write(self, topic: str, stamp_ns: int) -> bool:
-        """Note that a message is written; return whether `topic` is one of them."""
+        """Note that a message is written; return whether `topic` is one of them.
+
+        An older stamp than before, as others may put on tf, changes nothing.
+        """
         if topic not in self._stamp_ns:
             return False
-        self._stamp_ns[topic] = stamp_ns
+        self._stamp_ns[topic] = max(self._stamp_ns[topic], stamp_ns)
         self._up_to_ns = max(self._up_to_ns, min(
             stamp + self._complete_ns[t] for t, stamp in self._stamp_ns.items()))
         return True

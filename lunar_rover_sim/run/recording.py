@@ -23,7 +23,8 @@ from lunar_rover_sim.run.node_config import ALL
 from lunar_rover_sim.run.node_processes import Looks, NodeLogs, NodeProcesses
 from lunar_rover_sim.run.plan import awaits_others, prepare, resolve
 from lunar_rover_sim.run.publication import misspelt_exclusions, silent_topics, unrecorded_cameras
-from lunar_rover_sim.run.ros_domain import check_domain, ClockReader, OwnDomain, require_ros
+from lunar_rover_sim.run.ros_domain import (check_domain, ClockReader, OwnDomain, require_ros,
+                                            shell_domain)
 from lunar_rover_sim.run.scenario import Scenario
 
 _POLL_S = 0.1
@@ -184,7 +185,7 @@ class Recording:
 
 
 def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None = None,
-           domain: int | None = None, timeout_s: float | None = None,
+           domain: int | None = None, join: bool = False, timeout_s: float | None = None,
            should_stop: Callable[[], bool] = lambda: False,
            on_start: Callable[[Scenario, int], None] = lambda _scenario, _domain: None,
            on_progress: Callable[[int], None] = lambda _now_ns: None,
@@ -199,6 +200,8 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
         folder: Must not exist; takes the bag, the resolved scenario and the logs.
         world: Folder of a world that is used instead of the scenario's own.
         domain: ROS_DOMAIN_ID; by default a free one of this machine.
+        join: Takes part in a graph that runs there, whose nodes may publish tf and tf_static. By
+            default it is that of the shell.
         timeout_s: Wall time, > 0, after which the run counts as failed [s].
         should_stop: Asked ten times a second; once it returns True, the run ends early.
         on_start: Called with the resolved scenario and the ROS_DOMAIN_ID before the nodes start.
@@ -264,12 +267,14 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
                 told.add(name)
                 on_warning(end)
 
+    if join and domain is None:
+        domain = shell_domain()
     with OwnDomain(domain) as own:
         if domain is not None:
             # Other programs of the graph may publish diagnostics too.
             check_domain(domain, [f'/{topic.name}' for topic in topics.of_legs(
                 topics.CONTRACT, scenario.rover.legs.names) if topic.node in scenario.run.nodes
-                                  and topic is not topics.DIAGNOSTICS])
+                                  and topic is not topics.DIAGNOSTICS], join)
         plans = prepare(scenario, folder, world_folder)
         on_start(scenario, own.id)
         start = time.monotonic()

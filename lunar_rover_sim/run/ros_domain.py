@@ -71,16 +71,31 @@ def ros_environment(domain: int) -> dict[str, str]:
     return environment
 
 
+# Of these a graph may have several publishers.
+_SHARED = ('/tf', '/tf_static')
 _NO_WORDS = 'no reason given'
 _PROBE_S = 30.0
 _LEAVE_S = 2.0      # for the helper to leave the graph
 
 
-def check_domain(domain: int, topics: Sequence[str]) -> None:
+def shell_domain() -> int:
+    """Return the ROS_DOMAIN_ID of the shell, 0 where it has none; raise ConfigError for others."""
+    text = os.environ.get('ROS_DOMAIN_ID') or '0'
+    if not (text.isdecimal() and int(text) <= _MOST):
+        raise ConfigError(f'ROS_DOMAIN_ID: {brief(text)} is not valid; valid is 0 to {_MOST}')
+    return int(text)
+
+
+def check_domain(domain: int, topics: Sequence[str], join: bool = False) -> None:
     """Raise GraphError if somebody publishes one of these topics in a ROS domain.
 
     It takes some seconds: a node that does not answer discovery within 4 s counts as absent.
+
+    Args:
+        join: Others may publish those that several nodes share, such as tf.
     """
+    if join:
+        topics = [topic for topic in topics if topic not in _SHARED]
     limit_s = _PROBE_S * machine_slowness()
     try:
         found = subprocess.run(
@@ -98,8 +113,10 @@ def check_domain(domain: int, topics: Sequence[str]) -> None:
                if len(words) == 2 and words[0] in topics]
     if answers:
         topic, node = answers[0]
-        raise GraphError(f'--domain {domain}: {node} publishes {topic} there; choose another '
-                         'domain, or leave it out')
+        raise GraphError(f'--domain {domain}: {node} publishes {topic} there; '
+                         + ('stop it, or choose another domain' if join
+                            else 'take part in its graph with --join, or choose another domain'
+                            if topic in _SHARED else 'choose another domain, or leave it out'))
 
 
 def _last_line(text: str) -> str:

@@ -12,7 +12,8 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
-from conftest import PLAIN, TINY
+from conftest import command, PLAIN, SMALL, TINY
+import numpy as np
 import pytest
 from waiting import LIMIT_S, wait_until
 
@@ -25,20 +26,24 @@ from geometry_msgs.msg import PoseStamped, TwistStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from peer import ended, LEGS, Peer, running  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import Image, JointState  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 
 from lunar_rover_sim.bag.messages import header_ns  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
+from lunar_rover_sim.base import topics  # noqa: E402
 from lunar_rover_sim.base.errors import GraphError  # noqa: E402
 from lunar_rover_sim.base.files.paths import config_folder  # noqa: E402
 from lunar_rover_sim.nodes import lockstep_listener  # noqa: E402
 from lunar_rover_sim.nodes.gait_controller_node import GaitControllerNode  # noqa: E402
+from lunar_rover_sim.nodes.message_types import message_class  # noqa: E402
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery  # noqa: E402
 from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
 from lunar_rover_sim.run.plan import prepare, resolve  # noqa: E402
-from lunar_rover_sim.run.ros_domain import check_domain  # noqa: E402
+from lunar_rover_sim.run.ros_domain import check_domain, dds_environment, OwnDomain  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
+from lunar_rover_sim.run.transforms import tf_message  # noqa: E402
 
 WAIT = ('-p', 'time_mode:=lockstep', '-p', 'wait.topics:=[joint_commands]', '-p',
         'wait.lags_s:=[0.0]')
@@ -147,6 +152,56 @@ def test_a_domain_in_use_is_refused(peer: Peer, domain: int) -> None:
     check_domain(domain, ['/clock'])
     with pytest.raises(GraphError, match=f'--domain {domain}: peer publishes /odom there'):
         check_domain(domain, ['/clock', '/odom'])
+
+
+@pytest.mark.parametrize('in_shell', [False, True])
+def test_a_run_joins_a_graph_that_publishes_tf(tmp_path: Path, in_shell: bool,
+                                               monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stack that was started first goes on with its frames, some at wall time or late.
+
+    Without --join the run says how to; topics of which there can be one are refused all the same.
+    """
+    with OwnDomain() as own:
+        domain = str(own.id)
+    for name, value in {**dds_environment(), 'ROS_DOMAIN_ID': domain,
+                        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}.items():
+        monkeypatch.setenv(name, value)
+    peer = Peer()
+    try:
+        tf = peer.node.create_publisher(message_class(topics.TF.type), 'tf', 10)
+        clock = peer.listen(Clock, 'clock')
+        named = [] if in_shell else ['--domain', domain]
+        settings = (*SMALL, *PLAIN, *TINY)
+        arguments = command('run', 'baseline', '--duration', '0.5', *named, *(
+            word for setting in settings for word in ('--set', setting)))
+
+        def publish() -> None:
+            now_ns = clock[-1].clock.sec * 10**9 + clock[-1].clock.nanosec if clock else 0
+            for child, stamp_ns in (('late', now_ns - 50_000_000), ('wall', time.time_ns())):
+                tf.publish(tf_message([('odom', child, np.eye(4))], max(0, stamp_ns)))
+
+        def finished(*more: str) -> str:
+            run = subprocess.Popen([*arguments, *more], stdout=subprocess.PIPE,
+                                   stderr=subprocess.STDOUT, text=True)
+            peer.spin_until(lambda: run.poll() is not None, publish)
+            return ' '.join(run.communicate()[0].split())
+
+        if not in_shell:
+            assert 'peer publishes /tf there; take part in its graph with --join' in finished(
+                '-o', str(tmp_path / 'refused'))
+        lines = finished('-o', str(tmp_path / 'run'), '--join')
+        assert '/tf: is stamped more than 5 s after /clock (with wall time?)' in lines
+        with open_bag(tmp_path / 'run' / 'bag') as bag:
+            assert bag.end_ns <= 600_000_000
+            children = {transform.child_frame_id for _, _, message in bag.messages(['/tf'])
+                        for transform in message.transforms}
+        assert children > {'base_link', 'late', 'wall'}
+        peer.node.create_publisher(Odometry, 'odom', 10)
+        assert 'peer publishes /odom there; stop it' in finished(
+            '-o', str(tmp_path / 'second'), '--join')
+    finally:
+        peer.node.destroy_node()
+        rclpy.try_shutdown()
 
 
 # In real time a program may take a while to be heard.

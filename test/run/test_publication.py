@@ -162,6 +162,14 @@ def test_a_slow_topic_is_written_until_its_next_message_is_due() -> None:
     assert written.up_to_ns == 5 * MS
 
 
+def test_older_stamps_of_others_do_not_hold_back_time() -> None:
+    """A filter that others run publishes tf with stamps of the past, between two of ours."""
+    written = WrittenStamps({'odom': 5 * MS, 'tf': 5 * MS})
+    for topic, ms in (('tf', 5), ('odom', 5), ('tf', 10), ('tf', 2), ('odom', 10)):
+        written.write(topic, ms * MS)
+    assert written.up_to_ns == 10 * MS
+
+
 def test_a_topic_of_no_known_period_is_written_up_to_its_stamp() -> None:
     """Nobody knows when its next message is due."""
     written = WrittenStamps({'odom': 5 * MS, 'other': 0})
