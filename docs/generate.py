@@ -24,6 +24,7 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.parameters import Parameters
 from lunar_rover_sim.cli.main import COMMANDS, load
 from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.node_config import COMPANION_CONFIGS, NODE_CONFIGS
 from lunar_rover_sim.run.scenario import RunConfig, Scenario, SHARED
@@ -31,14 +32,15 @@ from lunar_rover_sim.run.shared_config import NodeConfig
 
 SECTIONS: dict[str, type[Parameters]] = {
     SHARED: NodeConfig, 'run': RunConfig, 'world': WorldConfig, 'rover': RoverDescription,
-    **NODE_CONFIGS, **COMPANION_CONFIGS}
+    **NODE_CONFIGS, **COMPANION_CONFIGS, 'orbital': OrbitalConfig}
 
 # What a program may need besides the names that the package exports.
 MODULES = {
     'Errors': ['base.errors'],
     'Frames': ['base.frames'],
     'World': ['ground.world.build', 'ground.world.world_folder', 'ground.world.grid',
-              'ground.world.moon_place'],
+              'ground.world.moon_place', 'ground.world.orbital_making',
+              'ground.world.orbital_map'],
     'Physics and gait': ['rover.physics.state', 'sensors.imu', 'sensors.sensor',
                          'rover.gait.shaping'],
     'Soft ground': ['ground.regolith.soil', 'ground.regolith.overlay'],

@@ -100,8 +100,8 @@ COMMANDS = {
     'world build': Entry('world:build', 'make a world folder from a scenario, an elevation model '
                          'or a mesh'),
     'world export': Entry('world_export:export', 'a mesh file (GLB, OBJ, PLY), a map (GeoTIFF, '
-                          'GeoJSON) or an OpenUSD stage; the tracks of a recording in a mesh '
-                          'file, or as heights (NPZ)'),
+                          'GeoJSON), all that an orbiter knows, or an OpenUSD stage; the tracks '
+                          'of a recording in a mesh file, or as heights (NPZ)'),
     'world info': Entry('world:info', 'what a world folder holds; checks its hash'),
     'world preview': Entry('world:preview', 'maps, statistics and camera views as a PNG'),
     'world sun': Entry('world_sun:sun', 'sun, Earth and light at a place on the Moon over time'),

@@ -1,4 +1,4 @@
-"""`lunar_rover_sim world export`: a world as a mesh file, a map or an OpenUSD stage."""
+"""`lunar_rover_sim world export`: a world as a mesh file, maps or an OpenUSD stage."""
 
 from __future__ import annotations
 
@@ -6,31 +6,43 @@ import dataclasses
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.base.errors import ConfigError
-from lunar_rover_sim.base.files.paths import check_file
+from lunar_rover_sim.base.files.paths import check_file, check_folder, check_path
+from lunar_rover_sim.base.files.yaml_text import parse_yaml
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.ground.regolith.patch import changed_patch, save_patch
 from lunar_rover_sim.ground.world.export import write as write_mesh
 from lunar_rover_sim.ground.world.orbital import (HEIGHTS, OrbitalErrors, PHOTO, SUFFIXES,
                                                   write_features, write_map)
+from lunar_rover_sim.ground.world.orbital_making import orbital_map
+from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.products.usd.names import is_stage, stage_bytes
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.run.scenario import Scenario
 
+_ORBITAL = 'orbital.'
+_OF_ORBITAL = ('folder', 'output', 'overwrite', 'orbital', 'overrides', 'sun')
+
 
 @options.command()
 @options.argument('folder', 'world folder (default with --at: the world of the recording)',
                   required=False, type=options.PATH, metavar='[FOLDER]')
-@options.output(check_file, 'FILE', 'file to write; its suffix says the format: .glb, .obj, .ply, '
+@options.output(check_path, 'PATH', 'file to write; its suffix says the format: .glb, .obj, .ply, '
                 '.tif (heights, or with --photo an orthophoto), .geojson (rocks and craters), or '
                 '.usd, .usda, .usdc, .usdz for a stage; with --at also .npz: x, y, height, height '
-                'change and compaction [m]')
+                'change and compaction [m]; with --orbital a folder')
 @options.overwrite()
+@click.option('--orbital', is_flag=True, help='all that an orbiter knows, with its errors: '
+              'heights.tif, photo.tif under --sun, craters.geojson, and orbital.json, which says '
+              'what they are')
+@options.overrides('orbital.PARAM=VALUE', help='with --orbital: its extent, pixels and errors, '
+                   'for example orbital.pixel_m=5')
 @click.option('--stride', type=int, default=0, metavar='N', show_default=False, help='mesh file: '
               'keep every N-th sample of the ground (default: 513 along a side)')
 @click.option('--no-rocks', is_flag=True, help='mesh file: leave the rocks out')
@@ -56,15 +68,27 @@ from lunar_rover_sim.run.scenario import Scenario
 @click.option('--name', metavar='NAME', help='stage: of the default prim (default: World)')
 @click.option('--no-surroundings', is_flag=True,
               help='stage: leave the coarse levels and distant rocks out')
-def export(folder: Path | None, output: Path, overwrite: bool, stride: int, no_rocks: bool,
-           surroundings: bool, at: Path | None, time: float | None, resolution: float,
-           photo: bool, height_error: float, shift_error: float, noise: float, error_seed: int,
+def export(folder: Path | None, output: Path, overwrite: bool, orbital: bool,
+           overrides: list[str], stride: int, no_rocks: bool, surroundings: bool,
+           at: Path | None, time: float | None, resolution: float, photo: bool,
+           height_error: float, shift_error: float, noise: float, error_seed: int,
            scenario: str | None, sun: tuple[float, float] | None, name: str | None,
            no_surroundings: bool) -> int:
     """Write a mesh file (GLB, OBJ, PLY), a map (GeoTIFF, GeoJSON) or an OpenUSD stage.
 
-    Or the tracks of a recording in a mesh file, or as heights (NPZ).
+    Or the tracks of a recording in a mesh file, or as heights (NPZ); or, with --orbital, a folder
+    of the maps by which a rover plans far ways.
     """
+    if orbital:
+        _check_orbital(folder)
+        assert folder is not None
+        check_folder(output)
+        options.refuse_existing(output, overwrite)
+        _export_orbital(folder, output, overrides, sun)
+        return 0
+    if overrides:
+        raise ConfigError('--set: is for --orbital, which is not given')
+    check_file(output)
     if output.suffix.lower() in SUFFIXES:
         if folder is None or at is not None:
             raise ConfigError(f'export: {output.name} needs the folder of a world, without --at')
@@ -103,6 +127,39 @@ def export(folder: Path | None, output: Path, overwrite: bool, stride: int, no_r
             write_mesh(world, output, stride, not no_rocks, surroundings, patch)
     say(f'{output}: {stage_bytes(output) / 1e6:.1f} MB')
     return 0
+
+
+def _check_orbital(folder: Path | None) -> None:
+    """Raise ConfigError where an option is given that is not for --orbital."""
+    context = click.get_current_context()
+    for param in context.command.params:
+        given = context.get_parameter_source(param.name or '') is ParameterSource.COMMANDLINE
+        if given and param.name not in _OF_ORBITAL:
+            raise ConfigError(f'{param.opts[0]}: is not for --orbital; valid is --set '
+                              f'{_ORBITAL}PARAM=VALUE')
+    if folder is None:
+        raise ConfigError('export: --orbital needs the folder of a world')
+
+
+def _export_orbital(folder: Path, output: Path, overrides: list[str],
+                    sun: tuple[float, float] | None) -> None:
+    """Write the folder of maps from orbit."""
+    values = {}
+    if sun is not None:
+        values['sun_azimuth_deg'], values['sun_elevation_deg'] = options.checked_sun(sun)
+    for text in overrides:
+        name, _, value = text.partition('=')
+        if not name.startswith(_ORBITAL):
+            raise ConfigError(f'--set {text}: valid is {_ORBITAL}PARAM=VALUE')
+        values[name.removeprefix(_ORBITAL)] = parse_yaml(value, f'--set {text}')
+    config = OrbitalConfig.from_mapping(values, _ORBITAL.rstrip('.'))
+    with Progress('maps from orbit', 1.0, '%') as progress:
+        made = orbital_map(load_world(folder), config, progress.named)
+        made.save(output)
+    west, south, east, north = made.bounds_m
+    photo = f', photo at {config.photo_pixel_m:g} m' if config.photo_pixel_m else ''
+    say(f'{output}: x {west:g} to {east:g} m, y {south:g} to {north:g} m; heights at '
+        f'{made.pixel_m:g} m{photo}, {len(made.craters)} craters')
 
 
 def _export_map(folder: Path, output: Path, resolution_m: float, photo: bool,
