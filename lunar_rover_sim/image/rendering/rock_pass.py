@@ -22,14 +22,13 @@ F32 = NDArray[np.float32]
 _INSTANCE = '3f 3f 3f 3f 1f /i'
 _NAMES = ('i_position', 'i_x', 'i_y', 'i_z', 'i_number')
 _FLOATS = 13
-# Rocks smaller than _COARSE_PX are drawn as hulls of _COARSE_VERTICES vertices, those smaller than
-# _SOLIDS_PX as solids; larger ones worn, with the finer meshes, the larger they look.
+# Rocks are drawn as they are; those that look smaller than _COARSE_PX as hulls of _COARSE_VERTICES
+# vertices, those smaller than _SOLIDS_PX as solids.
 _COARSE_PX, _COARSE_VERTICES = 14.0, 10
 _SOLIDS, _SOLIDS_PX = (OCTAHEDRON, TETRAHEDRON), (5.0, 2.0)
-_LEVELS, _LEVELS_PX = (4, 3, 2), (160.0, 45.0)
-_KINDS = len(_LEVELS) + 1       # of a shape
+_KINDS = 2              # of a shape
 _RADIUS = 0.75          # of a ball around a rock of diameter 1
-_WORN = 1.1             # reach of what is drawn, over that of the hull, at most
+_REACH = 1.1            # of what is drawn far away, over that of the shape, at most
 
 
 class GroundSeen(NamedTuple):
@@ -81,7 +80,7 @@ class RockPass:
         self._counts: dict[int, int] = {}
         self._arrays: dict[int, moderngl.VertexArray] = {}
         self._meshes = [[context.buffer(part.tobytes()) for part in mesh] for mesh in (
-            *library_meshes(shapes, _LEVELS, _COARSE_VERTICES), *map(solid_mesh, _SOLIDS))]
+            *library_meshes(shapes, _COARSE_VERTICES), *map(solid_mesh, _SOLIDS))]
         self.enter(rocks)
 
     def enter(self, rocks: Rocks) -> None:
@@ -98,9 +97,9 @@ class RockPass:
              np.arange(len(rocks))[:, None]], axis=1).astype(np.float32)
         self._position = np.ascontiguousarray(rocks.position_m.T, np.float32)
         self._diameter = rocks.diameter_m.astype(np.float32)
-        # Half of boxes around the rocks, in axes of the world; meshes are worn hulls.
+        # Half of boxes around the rocks, in axes of the world; coarse ones may reach farther.
         reach = np.stack([np.abs(shape.vertices).max(axis=0) for shape in self._shapes])
-        self._half = _WORN * np.einsum('nij,nj->ni', np.abs(columns), reach[rocks.shape])
+        self._half = _REACH * np.einsum('nij,nj->ni', np.abs(columns), reach[rocks.shape])
 
     def choose(self, volume: ViewVolume, focal_px: float, least_px: float,
                grounds: Sequence[GroundSeen] = ()) -> None:
@@ -115,9 +114,7 @@ class RockPass:
             visible, distance = visible[shows], distance[shows]
         size = self._diameter[visible] * np.float32(focal_px)
         shape = self.rocks.shape[visible]
-        detail = sum((size < limit * distance).astype(np.int64)
-                     for limit in (*_LEVELS_PX, _COARSE_PX))
-        kind_of = _KINDS * shape + detail
+        kind_of = _KINDS * shape + (size < _COARSE_PX * distance)
         for solid, limit in enumerate(_SOLIDS_PX):
             kind_of[size < limit * distance] = self._first_solid + solid
         order = np.argsort(kind_of, kind='stable')

@@ -1,4 +1,4 @@
-"""What rocks look like: relief of their own, soil at the foot and on what faces up."""
+"""What rocks look like: their faces, soil at the foot and on what faces up."""
 
 import dataclasses
 
@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from resolution import finer_camera
 from scipy.spatial.transform import Rotation
-import trimesh
 import worlds
 
 from lunar_rover_sim.base.frames import sun_direction
@@ -19,7 +18,7 @@ from lunar_rover_sim.image.illumination import hapke
 from lunar_rover_sim.image.illumination.config import ReflectanceConfig
 from lunar_rover_sim.image.rendering.labels import LABEL_FIRST_ROCK
 from lunar_rover_sim.image.rendering.renderer import Renderer
-from lunar_rover_sim.image.rendering.rock_meshes import facets, MOST_APART, worn
+from lunar_rover_sim.image.rendering.rock_meshes import facets
 from lunar_rover_sim.rover.pose import RoverPose
 
 SIDE = 0.8              # of the block before the cameras [m]; the other one looks 8 px wide
@@ -59,36 +58,15 @@ def looks(frames):
     return ratio, height
 
 
-@pytest.mark.parametrize('shape', library(), ids=lambda shape: shape.name)
-def test_drawn_rocks_have_relief_and_stay_near_their_hulls(shape):
-    """As large in outline as the hull, from which no point is far; edges worn, hollows between."""
-    mesh = worn(shape, 4)
-    drawn = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    hull = trimesh.Trimesh(shape.vertices, shape.faces)
-    assert drawn.is_watertight and drawn.volume > 0.0
-    # The way to the hull along the ray from the centroid, both ways.
-    rays = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1, keepdims=True)
-    planes = np.einsum('ij,ij->i', hull.face_normals, hull.triangles[:, 0])
-    reach = 1.0 / np.max(np.maximum(rays @ hull.face_normals.T, 0.0) / planes, axis=1)
-    apart = np.linalg.norm(mesh.vertices, axis=1) - reach
-    assert np.abs(apart).max() < MOST_APART
-    assert 0.01 < apart.std() < 0.04
-    # Not convex: hollows of a few hundredths of the volume.
-    assert 0.01 < 1.0 - drawn.volume / drawn.convex_hull.volume < 0.15
-    # The mean outline is a quarter of the surface of the convex hull.
-    assert drawn.convex_hull.area == pytest.approx(hull.area, rel=0.06)
-
-
 def test_what_is_drawn_is_what_is_lit():
     """Normals are those of the mesh, so that no face towards the sun is black."""
     for shape in library()[::5]:
-        mesh = worn(shape, 4)
-        data = facets(mesh)
+        data = facets(shape)
         corners = data[:, :3].reshape(-1, 3, 3)
         face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         face /= np.linalg.norm(face, axis=1, keepdims=True)
         cosine = np.einsum('ij,ikj->ik', face, data[:, 3:].reshape(-1, 3, 3))
-        assert np.quantile(cosine, 0.01) > 0.85
+        assert cosine.min() > 0.8
 
 
 def test_faces_towards_the_sun_are_lit():
@@ -99,9 +77,10 @@ def test_faces_towards_the_sun_are_lit():
         world = scene.plane(cell_m=0.2, stones=stones, shape=shapes[index])
         config = scene.config(20.0, 180.0, detail=ROUGH, camera=CameraConfig(320, 240, 50.0))
         with Renderer(world, scene.ROVER, config) as renderer:
-            frame = renderer.render(RoverPose(scene.pose(z=0.4)), 0, ('radiance', 'label',
-                                                                      'shadow'))
-        rock = (frame.label == LABEL_FIRST_ROCK) & (frame.shadow[..., 1] == 0)
+            frame = renderer.render(RoverPose(scene.pose(z=0.4)), 0,
+                                    ('radiance', 'label', 'shadow', 'normal'))
+        towards = frame.normal @ sun_direction(180.0, 20.0)
+        rock = (frame.label == LABEL_FIRST_ROCK) & (frame.shadow[..., 1] == 0) & (towards > 0.3)
         seen = frame.radiance[rock]
         assert rock.sum() > 3000
         assert np.quantile(seen, 0.01) > 0.25 * np.median(seen)
@@ -135,7 +114,8 @@ def test_soil_lies_at_the_foot(looks):
     expected = light('highland', np.array([-0.5, 0.0, 0.87])) \
         / light('basalt', np.array([-1.0, 0.0, 0.0]))
     assert expected > 1.3
-    assert foot / above == pytest.approx(expected, rel=0.2)
+    # Of a level surface: the mean of grains and lumps, some of which turn away, is less.
+    assert foot / above == pytest.approx(expected, rel=0.25)
     # It ends at a seventh of the diameter or so.
     edge = np.mean(ratio[(height > 0.25 * SIDE) & (height < 0.35 * SIDE)])
     assert edge == pytest.approx(above, rel=0.15)
