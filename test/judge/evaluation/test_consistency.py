@@ -164,4 +164,4 @@ def test_errors_over_distance_are_those_of_a_wrong_scale():
     assert [row.distance_m for row in rows] == [1.0, 2.0, 5.0, 10.0, 20.0]
     for row in rows:
         assert row.error_percent == pytest.approx(2.0) and row.error_deg == 0.0
-        assert row.error_m == pytest.approx(0.02 * row.distance_m, rel=0.01)
+        assert row.error_m == pytest.approx(0.02 * row.distance_m, rel=0.03)
