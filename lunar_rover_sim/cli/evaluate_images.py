@@ -55,8 +55,9 @@ def _print(result: ImageComparison) -> None:
     for name, one in (('A', result.first), ('B', result.second)):
         say(f'{name}: {one.images.path} ({one.images.layout}, {len(one.values)} of '
             f'{one.images.total})')
-    say(f'compared at a width of {result.width_px} px, 95 % intervals; q is p corrected '
-        'for the number of rows')
+    say(f'compared at a width of {result.width_px} px'
+        f'{", image by image (the names are the same)" if result.paired else ""}, '
+        '95 % intervals; q is p corrected for the number of rows')
     rows = [(Text(row.name), _value(row.first), _value(row.second), _value(row.difference),
              _p(row.difference.p), _p(q), f'{row.first.n}, {row.second.n}')
             for row, q in zip(result.rows, result.q) if row.first.n or row.second.n]

@@ -1,7 +1,9 @@
 """Two sets of images against each other: measures with intervals of both and of the difference.
 
 A set is anything that `image_layouts.open_images` reads. Both are scaled down to the width of the
-narrower one, since gradients, spectra and keypoints are counted in pixels.
+narrower one, since gradients, spectra and keypoints are counted in pixels. Images of the same names
+(of a bag: the same stamps) in both sets are pairs: what changes along both alike, as the place and
+the sun do, is then no scatter of the difference.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from lunar_rover_sim.judge.evaluation import statistics
 from lunar_rover_sim.judge.evaluation.image_layouts import ImageSet, open_images
 from lunar_rover_sim.judge.evaluation.image_statistics import (image_statistics, LEAST_PX,
                                                                LOG_BINS, LOG_FLOOR, LOG_STEP,
-                                                               MEASURES)
+                                                               MEASURES, SHARES)
 from lunar_rover_sim.judge.evaluation.statistics import Difference, SeriesMean
 
 FRAMES = 40
@@ -33,11 +35,13 @@ class SetStatistics:
     """The statistics of the images of a set.
 
     Attributes:
+        names: Of the n images.
         values: (n, len(MEASURES)).
         log_gradients: (n, LOG_BINS), as `ImageStatistics` has them.
     """
 
     images: ImageSet
+    names: tuple[str, ...]
     values: Array
     log_gradients: Array
 
@@ -70,6 +74,11 @@ class ImageComparison:
     chance: float
 
     @property
+    def paired(self) -> bool:
+        """Whether each image has its like in the other set."""
+        return self.first.names == self.second.names
+
+    @property
     def q(self) -> Array:
         """p of each row and, last, of the distance, corrected for the number of tests."""
         return statistics.adjusted([*(row.difference.p for row in self.rows), self.distance.p])
@@ -84,7 +93,7 @@ class ImageComparison:
 
         return plain({
             'a': described(self.first), 'b': described(self.second), 'width_px': self.width_px,
-            'interval': '95 %, block bootstrap',
+            'interval': '95 %, block bootstrap', 'paired': self.paired,
             'measures': {row.name: {'meaning': MEASURES[row.name], 'a': row.first._asdict(),
                                     'b': row.second._asdict(),
                                     'b_minus_a': {**row.difference._asdict(), 'q': one}}
@@ -121,18 +130,28 @@ def compare_images(first: Path | str, second: Path | str, *, frames: int = FRAME
     width = min([*widths, *([] if width_px is None else [width_px])])
     a, b = (_measured(images, frames, width, truth_shows_sky, progress) for images in sets)
     rng = np.random.default_rng(seed)
-    rows = []
-    for k, name in enumerate(MEASURES):
-        one, means = statistics.estimate(a.values[:, k], rng)
-        other, other_means = statistics.estimate(b.values[:, k], rng)
-        rows.append(MeasureRow(name, one, other, statistics.difference(
-            other.value - one.value, other_means - means)))
-    return ImageComparison(a, b, width, tuple(rows), *_distance(a, b, rng))
+    rows = tuple(_row(name, a.values[:, k], b.values[:, k], a.names == b.names, rng)
+                 for k, name in enumerate(MEASURES))
+    return ImageComparison(a, b, width, rows, *_distance(a, b, rng))
+
+
+def _row(name: str, first: Array, second: Array, paired: bool,
+         rng: np.random.Generator) -> MeasureRow:
+    share = name in SHARES
+    one, means = statistics.estimate(first, rng, share)
+    other, other_means = statistics.estimate(second, rng, share)
+    value, resamples = other.value - one.value, other_means - means
+    if paired and (np.isfinite(first) == np.isfinite(second)).all():
+        of_pairs, resamples = statistics.estimate(second - first, rng)
+        value = of_pairs.value
+    if share:
+        resamples = np.clip(resamples, -1.0, 1.0)
+    return MeasureRow(name, one, other, statistics.difference(value, resamples))
 
 
 def _measured(images: ImageSet, frames: int, width_px: int, truth_shows_sky: bool,
               progress: Callable[[], None] | None) -> SetStatistics:
-    found = []
+    found, names = [], []
     for pair in images.read(frames):
         narrow = pair.narrowed(width_px)
         if len(narrow.left) < LEAST_PX:
@@ -140,9 +159,10 @@ def _measured(images: ImageSet, frames: int, width_px: int, truth_shows_sky: boo
                                   f'the common width of {width_px} px; valid is at least '
                                   f'{LEAST_PX} px')
         found.append(image_statistics(narrow, truth_shows_sky))
+        names.append(pair.name)
         if progress is not None:
             progress()
-    return SetStatistics(images, np.stack([one.values for one in found]),
+    return SetStatistics(images, tuple(names), np.stack([one.values for one in found]),
                          np.stack([one.log_gradients for one in found]))
 
 
@@ -157,11 +177,13 @@ def _distance(a: SetStatistics, b: SetStatistics,
     value = float(wasserstein_distance(centres, centres, one, other))
     if min(len(a.values), len(b.values)) < statistics.LEAST:
         return Difference(value, nan, nan, nan), nan
-    means = [one.log_gradients[statistics.resampled(len(one.values), rng)].mean(axis=1)
-             for one in (a, b)]
+    paired = a.names == b.names
+    places = statistics.resampled(len(a.values), rng)
+    means = [a.log_gradients[places].mean(axis=1), b.log_gradients[
+        places if paired else statistics.resampled(len(b.values), rng)].mean(axis=1)]
     resamples = LOG_STEP * np.abs(np.cumsum(means[0] - means[1], axis=1)).sum(axis=1)
     # A distance grows with every scatter: the mean of that is taken off.
     resamples = np.maximum(resamples - (resamples.mean() - value), 0.0)
     low, high = np.percentile(resamples, (2.5, 97.5))
-    p, chance = statistics.permutation_p(a.log_gradients, b.log_gradients, rng)
+    p, chance = statistics.permutation_p(a.log_gradients, b.log_gradients, rng, paired=paired)
     return Difference(value, float(low), float(high), p), LOG_STEP * chance

@@ -1,7 +1,7 @@
 """Statistics of an image, or of a stereo pair, by which renderers, cameras and worlds differ.
 
-All but the sky is judged: what reaches from the upper edge downwards without an edge, or, where
-both sets have true depth, what has none.
+All but the sky is judged: what is dark and reaches from the upper edge downwards without an edge,
+or, where both sets have true depth, what has none.
 Definitions are in `MEASURES`. The spectrum of natural scenes falls with about the second power of
 frequency (Field, J. Optical Society of America A 4, 1987); blur makes it steeper, noise flatter.
 """
@@ -99,7 +99,11 @@ MEASURES: dict[str, str] = {
     'SGM bad-1': 'matched pixels that are off by more than 1 px, where there is truth',
 }
 
+# Measures between 0 and 1, whose intervals stay there.
+SHARES = frozenset({'shadow share', 'SGM density', 'SGM bad-1'})
+
 SKY_STEP = 6.0 / 255.0      # between neighbours, of means of 3 x 3 px: noise and glare are below
+SKY_SIGNAL = 0.25           # of the 99th percentile: glare of a near sun is below, lit ground above
 LOG_FLOOR, LOG_STEP = -3.0, 0.05            # gradients below 1e-3 of full scale count as that
 LOG_BINS = round(-LOG_FLOOR / LOG_STEP)
 _SHADOW_LEVEL, _BRIGHT_PERCENTILE = 0.05, 90.0
@@ -126,7 +130,7 @@ def image_statistics(pair: GreyPair, truth_shows_sky: bool = False) -> ImageStat
     """Return the statistics of an image or pair.
 
     Args:
-        truth_shows_sky: Whether true disparity 0 marks the sky; else steps in brightness do.
+        truth_shows_sky: Whether true disparity 0 marks the sky; else `ground_mask` finds it.
     """
     ground = pair.truth_px != 0.0 if truth_shows_sky and pair.truth_px is not None \
         else ground_mask(pair.left)
@@ -143,12 +147,17 @@ def image_statistics(pair: GreyPair, truth_shows_sky: bool = False) -> ImageStat
 
 
 def ground_mask(image: F32) -> NDArray[np.bool_]:
-    """Return where an (h, w) image is not sky."""
+    """Return where an (h, w) image, the root of the signal, is not sky.
+
+    Sky is dark and reaches from the upper edge down to the first step. Ground that fills the upper
+    edge is no sky for want of steps: washed out by a sun behind the camera, it is bright.
+    """
     mean = cv2.blur(image, (3, 3))
     step = np.zeros_like(image)
     step[1:] = np.abs(mean[1:] - mean[:-1])
     step[:, 1:] = np.maximum(step[:, 1:], np.abs(mean[:, 1:] - mean[:, :-1]))
-    return np.logical_or.accumulate(step > SKY_STEP, axis=0)
+    bright = mean >= np.sqrt(SKY_SIGNAL) * np.percentile(mean, 99.0)
+    return np.logical_or.accumulate((step > SKY_STEP) | bright, axis=0)
 
 
 def _log_gradients(image: F32, ground: NDArray[np.bool_]) -> Array:

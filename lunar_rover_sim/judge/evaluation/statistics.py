@@ -197,6 +197,7 @@ def _signs(count: int) -> Array:
 
 RESAMPLES = 2000    # of a series
 _TAIL = 2.5     # percent
+_LEAST_SWAPS = 8    # blocks: fewer pairs have too few ways to change sides for a p below 0.01
 
 
 class SeriesMean(NamedTuple):
@@ -230,8 +231,15 @@ def resampled(count: int, rng: np.random.Generator) -> NDArray[np.int64]:
     return places.reshape(RESAMPLES, -1)[:, :count]
 
 
-def estimate(values: Array, rng: np.random.Generator) -> tuple[SeriesMean, Array]:
-    """Return the mean of (n,) values, NaN left out, and the means of the resamples."""
+def estimate(values: Array, rng: np.random.Generator,
+             share: bool = False) -> tuple[SeriesMean, Array]:
+    """Return the mean of (n,) values, NaN left out, and the means of the resamples.
+
+    Args:
+        share: Whether the values are shares, 0 to 1: the interval is then Wilson's, of as many
+            trials as have the scatter of the resamples (Korn and Graubard, Survey Methodology 24,
+            1998, with Wilson's interval for theirs), so that it stays within 0 and 1.
+    """
     known = values[np.isfinite(values)]
     nan = float('nan')
     if not len(known):
@@ -241,8 +249,22 @@ def estimate(values: Array, rng: np.random.Generator) -> tuple[SeriesMean, Array
         return SeriesMean(mean, nan, nan, len(known)), np.full(RESAMPLES, nan)
     means = known[resampled(len(known), rng)].mean(axis=1)
     means = mean + _spread(len(known)) * (means - mean)
-    low, high = np.percentile(means, (_TAIL, 100.0 - _TAIL))
+    low, high = (_wilson(mean, float(means.std())) if share
+                 else np.percentile(means, (_TAIL, 100.0 - _TAIL)))
     return SeriesMean(mean, float(low), float(high), len(known)), means
+
+
+def _wilson(mean: float, error: float) -> tuple[float, float]:
+    """Return Wilson's interval of a share with a standard error."""
+    variance = mean * (1.0 - mean)
+    if error**2 <= 1e-12 * variance or variance <= 0.0:
+        return mean, mean       # all values are the same
+    z = float(stats.norm.ppf(0.5 + 0.5 * CONFIDENCE))
+    per_trial = error**2 / variance             # 1 / trials
+    centre = mean + 0.5 * z**2 * per_trial
+    half = z * np.sqrt(error**2 + 0.25 * (z * per_trial)**2)
+    low, high = (np.array([centre - half, centre + half]) / (1.0 + z**2 * per_trial))
+    return max(float(low), 0.0), min(float(high), 1.0)
 
 
 def _spread(count: int) -> float:
@@ -269,28 +291,30 @@ def difference(value: float, resamples: Array) -> Difference:
 
 
 def permutation_p(first: Array, second: Array, rng: np.random.Generator,
-                  shuffles: int = RESAMPLES) -> tuple[float, float]:
+                  shuffles: int = RESAMPLES, paired: bool = False) -> tuple[float, float]:
     """Return p of a distance between the mean rows of (n, k) and (m, k), and what chance gives.
 
     The distance is the sum of the absolute differences of the cumulated means, in bins. Blocks of
-    neighbours change sides together. The second value is the 95th percentile of the distances of
-    shuffled sets: a distance below it says nothing.
+    neighbours change sides together; of pairs (n = m), the two blocks of a place change with one
+    another, if there are enough of them. The second value is the 95th percentile of the distances
+    of shuffled sets: a distance below it says nothing.
     """
     rows = np.cumsum(np.concatenate([first, second]), axis=1)
     length = block_length(min(len(first), len(second)))
-    blocks = np.concatenate([np.arange(len(first)) // length,
-                             len(first) + np.arange(len(second)) // length])
-    kinds = np.unique(blocks)
+    one, other = (np.arange(len(part)) // length for part in (first, second))
+    counts = one[-1] + 1, other[-1] + 1
 
     def distance(is_first: NDArray[np.bool_]) -> float:
         return float(np.abs(rows[is_first].mean(axis=0) - rows[~is_first].mean(axis=0)).sum())
 
+    def shuffled() -> NDArray[np.bool_]:
+        if paired and counts[0] >= _LEAST_SWAPS:
+            stays = rng.integers(0, 2, counts[0]) > 0
+            return np.concatenate([stays[one], ~stays[other]])
+        sides = rng.permutation(np.repeat([True, False], counts))
+        return np.concatenate([sides[one], sides[counts[0] + other]])
+
     observed = distance(np.arange(len(rows)) < len(first))
-    sides = np.concatenate([np.ones(len(np.unique(blocks[:len(first)])), bool),
-                            np.zeros(len(np.unique(blocks[len(first):])), bool)])
-    found = []
-    for _ in range(shuffles):
-        side = rng.permutation(sides)
-        found.append(distance(side[np.searchsorted(kinds, blocks)]))
+    found = [distance(shuffled()) for _ in range(shuffles)]
     reached = sum(d >= observed - 1e-12 for d in found)
     return (reached + 1) / (shuffles + 1), float(np.percentile(found, 95.0))

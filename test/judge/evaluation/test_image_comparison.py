@@ -139,6 +139,31 @@ def test_the_figure_shows_the_numbers(plain: Path, tmp_path: Path,
                 [estimate.low, estimate.high])
 
 
+def test_pairs_are_compared_as_pairs(plain: Path, tmp_path: Path,
+                                     capsys: pytest.CaptureFixture[str]) -> None:
+    """Scenes scatter widely and the second set is a little darker: shown by names alone.
+
+    Under other names the same pictures are two samples, and the interval is that of scenes.
+    """
+    def scenes(folder: Path, factor: float, name: str) -> Path:
+        folder.mkdir()
+        for k, path in enumerate(sorted((plain / 'left').glob('*.png'))):
+            grey = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) * (0.4 + 0.06 * k) * factor
+            write_png(folder / f'{name}{k}.png', np.rint(grey).astype(np.uint8))
+        return folder
+
+    first = scenes(tmp_path / 'a', 1.0, '')
+    paired = compare_images(first, scenes(tmp_path / 'b', 0.96, ''))
+    alone = compare_images(first, scenes(tmp_path / 'c', 0.96, 'other'))
+    assert paired.paired and not alone.paired
+    one, other = (row(result, 'log gradient').difference for result in (paired, alone))
+    assert one.value == pytest.approx(other.value) == pytest.approx(np.log10(0.96), abs=0.01)
+    assert one.high < 0.0 < other.high and one.p < 0.01 < 0.3 < other.p
+    assert one.high - one.low < 0.1 * (other.high - other.low)
+    assert main(['evaluate', 'images', str(first), str(tmp_path / 'b'), '--frames', '4']) == 0
+    assert 'image by image' in capsys.readouterr().out
+
+
 def test_intervals_cover() -> None:
     """Of 150 means of 30 values about 95 % of the intervals hold the truth; p is uniform."""
     rng = np.random.default_rng(2)

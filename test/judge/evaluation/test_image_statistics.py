@@ -74,12 +74,26 @@ def test_gradients_next_to_the_sky_do_not_count():
 def test_ground_begins_at_the_first_step_from_above():
     """A step of means of 3 x 3 px above the limit, down or across; all below it is ground."""
     image = np.full((40, 50), 0.2, np.float32)
+    image[36:, :10] = 0.9           # bright ground: beside it the rest is dark enough for the sky
     image[12:, 10:20] = 0.2 + 3.2 * SKY_STEP        # each row of the mean takes a third of it
     image[30:, 40:] = 0.2 + 2.8 * SKY_STEP          # too little
     ground = ground_mask(image)
     assert not ground[:11].any() and ground[13:, 11:19].all()
     # The step across, at the sides of the bright part, is one as well.
-    assert ground[13:, 9:21].all() and not ground[:, :8].any() and not ground[:, 22:].any()
+    assert ground[13:, 9:21].all() and not ground[:34, :8].any() and not ground[:, 22:].any()
+
+
+def test_washed_out_ground_is_no_sky() -> None:
+    """Down-sun, the ground at the upper edge has no steps, but it is bright."""
+    rows = np.linspace(0.95, 0.7, HEIGHT, dtype=np.float32)[:, None]
+    image = np.repeat(rows, WIDTH, axis=1)
+    image[80:, 40:60] = 0.1                         # a rock's shadow
+    assert ground_mask(image).all()
+    image[:20] = 0.03                               # above the horizon
+    assert ground_mask(image).sum() == pytest.approx((HEIGHT - 20) * WIDTH, rel=0.02)
+    # A shadow that reaches the horizon is not lost with the sky beside a step.
+    image[20:60, 70:90] = 0.15
+    assert ground_mask(image)[22:].all()
 
 
 @pytest.mark.parametrize('dark,shares', [(0.2, 0.3), (0.25, 0.0)])

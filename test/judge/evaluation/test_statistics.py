@@ -122,6 +122,50 @@ def test_the_least_p_by_permutation_is_one_in_all():
     assert statistics.permutation_p(same, same, np.random.default_rng(1), 99) == (1.0, 0.0)
 
 
+def test_pairs_change_sides_with_one_another():
+    """A small change of series that scatter widely: only pair by pair is it beyond chance.
+
+    64 rows have blocks of 4, so 16 pairs of blocks change sides; all but one part of them moves by
+    the same amount, which 2 of 2^16 ways reach.
+    """
+    rng = np.random.default_rng(3)
+    level = rng.uniform(0.2, 0.8, 64)
+    first = np.stack([level, 1.0 - level], axis=1)
+    second = first + [0.01, -0.01]
+    alone, far = statistics.permutation_p(first, second, np.random.default_rng(1), 400)
+    pairs, near = statistics.permutation_p(first, second, np.random.default_rng(1), 400,
+                                            paired=True)
+    assert alone > 0.3 and pairs == 1.0 / 401.0
+    # 16 throws of a coin: the 95th percentile of |sum| is 8 of 16.
+    assert far > 0.03 and near == pytest.approx(0.005, abs=0.0013)
+
+
+@pytest.mark.parametrize('mean,spread', [(0.01, 0.02), (0.3, 0.1), (0.99, 0.02)])
+def test_an_interval_of_a_share_stays_in_its_range(mean, spread):
+    """A few shares near 0 or 1; far from both it is that of any mean."""
+    rng = np.random.default_rng(4)
+    values = np.clip(mean + spread * rng.standard_normal(12), 0.0, 1.0)
+    one, means = statistics.estimate(values, np.random.default_rng(1), share=True)
+    any_mean, _ = statistics.estimate(values, np.random.default_rng(1))
+    assert 0.0 <= one.low < one.value < one.high <= 1.0 and one.value == any_mean.value
+    if mean == 0.3:
+        assert (one.low, one.high) == pytest.approx((any_mean.low, any_mean.high), abs=0.01)
+
+
+def test_the_interval_of_shares_of_throws_is_wilsons():
+    """Images that are throws of 0 or 1: as many trials as images, less what blocks and t add."""
+    values = (np.arange(400) % 10 == 0).astype(float)
+    rng = np.random.default_rng(1)
+    rng.shuffle(values)
+    one, means = statistics.estimate(values, rng, share=True)
+    trials = round(0.1 * 0.9 / means.var())
+    wilson = stats.binomtest(round(0.1 * trials), trials).proportion_ci(0.95, 'wilson')
+    assert (one.low, one.high) == pytest.approx((wilson.low, wilson.high), abs=2e-3)
+    for all_of_them in (np.zeros(5), np.ones(5), np.full(5, 0.2)):
+        one, _ = statistics.estimate(all_of_them, rng, share=True)
+        assert one.low == pytest.approx(one.value) == one.high
+
+
 def test_neighbours_change_sides_together():
     """27 rows in blocks of 3: pairs of equal rows give a shuffled distance of whole blocks only.
 
