@@ -1,9 +1,9 @@
 """Two sets of images against each other: measures with intervals of both and of the difference.
 
 A set is anything that `image_layouts.open_images` reads. Both are scaled down to the width of the
-narrower one, since gradients, spectra and keypoints are counted in pixels. Images of the same names
-(of a bag: the same stamps) in both sets are pairs: what changes along both alike, as the place and
-the sun do, is then no scatter of the difference.
+narrower one, since gradients, spectra and keypoints are counted in pixels. Images of the same
+names (of a bag: the same stamps) in both sets are pairs: what changes along both alike, as the
+place and the sun do, is then no scatter of the difference.
 """
 
 from __future__ import annotations

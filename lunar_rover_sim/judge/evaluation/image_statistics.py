@@ -103,7 +103,7 @@ MEASURES: dict[str, str] = {
 SHARES = frozenset({'shadow share', 'SGM density', 'SGM bad-1'})
 
 SKY_STEP = 6.0 / 255.0      # between neighbours, of means of 3 x 3 px: noise and glare are below
-SKY_SIGNAL = 0.25           # of the 99th percentile: glare of a near sun is below, lit ground above
+SKY_SIGNAL = 0.25           # of the 99th percentile: glare of a near sun is below, lit ground over
 LOG_FLOOR, LOG_STEP = -3.0, 0.05            # gradients below 1e-3 of full scale count as that
 LOG_BINS = round(-LOG_FLOOR / LOG_STEP)
 _SHADOW_LEVEL, _BRIGHT_PERCENTILE = 0.05, 90.0

@@ -134,7 +134,7 @@ def test_pairs_change_sides_with_one_another():
     second = first + [0.01, -0.01]
     alone, far = statistics.permutation_p(first, second, np.random.default_rng(1), 400)
     pairs, near = statistics.permutation_p(first, second, np.random.default_rng(1), 400,
-                                            paired=True)
+                                           paired=True)
     assert alone > 0.3 and pairs == 1.0 / 401.0
     # 16 throws of a coin: the 95th percentile of |sum| is 8 of 16.
     assert far > 0.03 and near == pytest.approx(0.005, abs=0.0013)
