@@ -4,9 +4,9 @@
 
 APOLLO_FOLDER holds scans by their numbers (NASA, public domain). Their borders are cut off, and
 the light that the scanner added to black is taken away. Heights of the sun follow from the times
-of the missions, but for Apollo 16; directions are estimates from shadows in the pictures. It writes
-a pair NAME_apollo.jpg and NAME_ours.jpg of each, all of them as sheet.jpg, photographs.csv, and
-prints the table. No parameter was chosen by these pictures.
+of the missions, but for Apollo 16; directions are estimates from shadows in the pictures. It
+writes a pair NAME_apollo.jpg and NAME_ours.jpg of each, all of them as sheet.jpg, photographs.csv,
+and prints the table. No parameter was chosen by these pictures.
 """
 
 from __future__ import annotations
