@@ -22,7 +22,10 @@ from lunar_rover_sim.base.files.paths import check_regular
 _MAX_DEPTH = 32
 # Of documents that programs write. In C, where PyYAML has that, it takes a tenth of the time.
 FAST_LOADER: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-_Dumper: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
+
+
+class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
+    """Writes plain values; texts that `_Loader` takes for numbers are quoted, as 12e34."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -60,10 +63,11 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'[-+]?(\.[0-9]+|[0-9][0-9_]*(\.[0-9]*)?)[eE][-+]?[0-9]+$'),
-    list('-+.0123456789'))
+for _each in (_Loader, _Dumper):
+    _each.add_implicit_resolver(
+        'tag:yaml.org,2002:float',
+        re.compile(r'[-+]?(\.[0-9]+|[0-9][0-9_]*(\.[0-9]*)?)[eE][-+]?[0-9]+$'),
+        list('-+.0123456789'))
 
 
 # A date stays text, as in ROS 2: 2026-11-22T06:00:00Z needs no quotes.
