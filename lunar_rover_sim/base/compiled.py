@@ -13,10 +13,26 @@ import os
 from typing import Any
 
 import numba
+from numba.core import event
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
+
+from lunar_rover_sim.base.compilation import COMPILATION
+
+
+class _Listener(event.Listener):  # type: ignore[misc]
+    """Passes on that something is compiled: not what was kept, nor what is loaded."""
+
+    def on_start(self, _event: event.Event) -> None:
+        COMPILATION.begin()
+
+    def on_end(self, _event: event.Event) -> None:
+        COMPILATION.end()
+
+
+event.register('numba:compile', _Listener())
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:

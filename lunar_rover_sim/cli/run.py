@@ -12,6 +12,7 @@ import time
 import click
 
 from lunar_rover_sim.autonomy.path_following.config import SHAPES
+from lunar_rover_sim.base.compilation import WORDS
 from lunar_rover_sim.base.errors import ConfigError, nearest
 from lunar_rover_sim.base.files.paths import config_path
 from lunar_rover_sim.base.parameters import replaced
@@ -137,7 +138,8 @@ def run(scenario: str, output: Path, duration: float | None, seed: int | None, r
         try:
             recording = record(chosen, output, world=world, domain=domain, join=join,
                                should_stop=stop_request.is_made, on_start=start,
-                               on_progress=update, on_warning=say, on_way=display.way)
+                               on_progress=update, on_warning=say, on_way=display.way,
+                               on_wait=display.wait)
         finally:
             if page is not None:
                 page.stop()
@@ -186,6 +188,7 @@ class _Display:
         self._duration_s = 0.0
         self._way: tuple[float, float] | None = None
         self._by_way = False
+        self._waits, self._has_compiled = '', False
 
     def start(self, scenario: Scenario, domain: int) -> None:
         """Name the run."""
@@ -199,6 +202,14 @@ class _Display:
         """Show from now on how far the rover has come [m], and how far it is to the goal."""
         self._way = driven_m, left_m
 
+    def wait(self, text: str) -> None:
+        """Show what time stands still for; '' for nothing."""
+        self._waits = text
+        self._progress.named(text)
+        if text.startswith(WORDS) and not self._has_compiled:
+            self._has_compiled = True
+            say(f'{WORDS}: later runs of this version start without it')
+
     def update(self, now_ns: int) -> None:
         """Show the simulated time [ns], or the way where that is known."""
         if not now_ns:
@@ -211,6 +222,8 @@ class _Display:
             note = f'RTF {(now_s - self._first[1]) / (wall_s - self._first[0]):.2f}'
             if self._frame_ns is not None:
                 note += f', {now_ns // self._frame_ns} frames'
+        if self._waits:
+            note += f'{", " if note else ""}{self._waits}'
         if self._way is None:
             self._progress(now_s, note=note)
             return

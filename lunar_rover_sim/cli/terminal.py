@@ -21,19 +21,26 @@ from rich.markdown import Markdown
 from rich.table import Table
 from rich.text import Text
 
+from lunar_rover_sim.base.compilation import COMPILATION, WORDS
 from lunar_rover_sim.base.files.results import json_text
 
 PIPE_COLUMNS = 100      # of tables and parameters where there is no terminal
-PIPE_PERIOD_S = 10.0    # between the lines of progress in a pipe
+PIPE_FIRST_S = 3.0      # before the first line of progress in a pipe
+PIPE_PERIOD_S = 10.0    # between such lines
 _CUT = '…'              # what rich puts in the place of text
 
 
 def say(text: object = '') -> None:
-    """Print text, folded to the terminal; words as long as paths stay whole."""
+    """Print text, folded to the terminal."""
     width = console().width
     for line in str(text).split('\n'):
-        print(textwrap.fill(line, width, subsequent_indent='  ', break_long_words=False,
-                            break_on_hyphens=False), flush=True)
+        print(folded(line, width), flush=True)
+
+
+def folded(line: str, columns: int) -> str:
+    """Return a line folded to a width; words as long as paths stay whole."""
+    return textwrap.fill(line, columns, subsequent_indent='  ', break_long_words=False,
+                         break_on_hyphens=False)
 
 
 def console() -> Console:
@@ -120,7 +127,8 @@ class Pace:
 
 
 class Progress:
-    """The progress of long work, on stderr: a bar on a terminal, else a line every 10 s.
+    """The progress of long work, on stderr: a bar on a terminal, else a line after 3 s,
+    and every 10 s.
 
     A context manager. Calling it with `(done, total)` says how far the work is.
 
@@ -180,6 +188,7 @@ class Progress:
             shown = f'{self._done:.0f}' if isinstance(self._total, int) else f'{self._done:.1f}'
             parts.append(f'{shown}/{self._total:g} {self._unit}'.rstrip())
         parts += [self._note] if self._note else []
+        parts += [WORDS] if COMPILATION.running else []
         parts.append(_clock(now_s - self._begun_s))
         left_s = None if self._total is None else self._pace.left_s(now_s, self._total)
         if left_s is not None:
@@ -187,9 +196,12 @@ class Progress:
         return ', '.join(parts)
 
     def _tell(self) -> None:
-        while not self._ended.wait(PIPE_PERIOD_S):
+        period_s = PIPE_FIRST_S
+        while not self._ended.wait(period_s):
+            period_s = PIPE_PERIOD_S
             with contextlib.suppress(OSError, ValueError):      # nobody reads any more
-                print(f'{self._text}: {self.told()}', file=sys.stderr, flush=True)
+                print(folded(f'{self._text}: {self.told()}', PIPE_COLUMNS), file=sys.stderr,
+                      flush=True)
 
     def __enter__(self) -> Progress:
         if self._bar is not None:

@@ -28,7 +28,7 @@ from lunar_rover_sim.run.shared_config import WaitConfig
 # An answer may refer to a state that has not reached this node yet, but not to a later one.
 _MAX_AHEAD_NS = NS_PER_S
 _DISCOVERY_S = 0.02
-_NOTICE_S = 4.0     # without an answer, after which a warning tells who is awaited
+_NOTICE_S = 3.0     # without an answer, after which a warning tells who is awaited
 
 
 class LockstepListener:
@@ -145,7 +145,7 @@ class LockstepListener:
 
     def _log_wait(self, text: str, limit_s: float) -> None:
         logger = self._node.get_logger()
-        if is_supervised():     # a run shows it, and decides by whether its nodes work
+        if is_supervised():     # a run shows the state told, and decides by whether nodes work
             logger.info(text)
             return
         text += f'; waits for up to {limit_s:g} s'

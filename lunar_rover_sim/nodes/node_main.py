@@ -24,10 +24,11 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from lunar_rover_sim import __version__
+from lunar_rover_sim.base.compilation import COMPILATION
 from lunar_rover_sim.base.errors import ConfigError, LunarRoverSimError
 from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.message_types import name_of
-from lunar_rover_sim.run.node_state import fail, NodeState, READY, tell
+from lunar_rover_sim.run.node_state import COMPILED, COMPILING, fail, NodeState, READY, tell
 from lunar_rover_sim.run.params_files import arguments_of_program
 from lunar_rover_sim.run.shared_config import NodeConfig
 
@@ -188,6 +189,7 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
     signal.signal(signal.SIGALRM, lambda *_: None)
     signal.signal(signal.SIGINT, stop)
     signal.signal(signal.SIGTERM, stop)
+    COMPILATION.on_change = lambda runs: tell(NodeState(COMPILING if runs else COMPILED))
     try:
         _init(sys.argv if args is None else args)
         spinner = executor()

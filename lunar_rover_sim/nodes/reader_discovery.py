@@ -80,7 +80,7 @@ class ReaderDiscovery:
             if now_s - self._start_s > _SLOW_S and not self._told:
                 self._told = True
                 text = 'waiting for a publisher of ' + ', '.join(missing)
-                if is_supervised():     # a run says who has not started
+                if is_supervised():     # a run shows who still loads
                     self._node.get_logger().info(text)
                 else:
                     self._node.get_logger().warning(text)

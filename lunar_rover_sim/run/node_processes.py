@@ -16,6 +16,7 @@ from types import TracebackType
 import psutil
 
 from lunar_rover_sim.bag.marker import mark_failed, why_incomplete
+from lunar_rover_sim.base.compilation import WORDS
 from lunar_rover_sim.base.errors import GraphError
 from lunar_rover_sim.base.files.paths import BAG_FOLDER
 from lunar_rover_sim.run import node_state
@@ -127,9 +128,21 @@ class NodeProcesses:
 
     def unstarted(self) -> str:
         """Return which nodes that the run needs have not said that they are ready; '' if none."""
-        return ', '.join(f'{name} (log: {self.log(name)})' for name in self._processes
-                         if name not in self._may_fail
-                         and not any(s.state == node_state.READY for s in self._told(name)))
+        return ', '.join(f'{name} (log: {self.log(name)})' for name in self._loading())
+
+    def _loading(self) -> list[str]:
+        return [name for name in self._processes if name not in self._may_fail
+                and not any(s.state == node_state.READY for s in self._told(name))]
+
+    def waits_for(self, now_ns: int) -> str:
+        """Return what time stands still for at a simulated time [ns], for people; '': nothing."""
+        loading = self._loading()
+        compiling = [name for name, states in self._states.items() if states.compiles]
+        if compiling:
+            return f'{WORDS}: {brief_list(compiling)}'
+        if loading and not now_ns:
+            return f'loading {brief_list(loading)}'
+        return self.silent_participant(now_ns).partition(';')[0]    # then follows who waits
 
     def silent_participant(self, now_ns: int) -> str:
         """Return what a node says that waits for others at a simulated time; '' if none does.
@@ -258,6 +271,12 @@ class NodeProcesses:
     def _told(self, name: str) -> list[NodeState]:
         """Return what a node has told of its state; nothing of one that is not in the run."""
         return self._states[name].read() if name in self._states else []
+
+
+def brief_list(names: Sequence[str]) -> str:
+    """Return names for one line: the first three, and how many more there are."""
+    more = len(names) - 3
+    return ', '.join(names[:3]) + (f' and {more} more' if more > 0 else '')
 
 
 def _has_ended(process: psutil.Popen, limit_s: float) -> bool:

@@ -1,4 +1,4 @@
-"""Reports of a node to the supervisor of its run: ready, waiting for something, or ending.
+"""Reports of a node to the supervisor of its run: ready, waiting, compiling, or ending.
 
 The supervisor gives each node a pipe, whose number is in an environment variable. The node writes
 a line of JSON for each state. Its log says the same for people.
@@ -13,6 +13,7 @@ import sys
 
 VARIABLE = 'LUNAR_ROVER_STATE_FD'
 READY, WAITING, FATAL, ON_THE_WAY = 'ready', 'waiting', 'fatal', 'on the way'
+COMPILING, COMPILED = 'compiling', 'compiled'
 PUBLISHERS, ANSWERS = 'publishers', 'answers'
 _MOST_BYTES = 4000      # a pipe takes so many at once or none (PIPE_BUF)
 
@@ -22,7 +23,7 @@ class NodeState:
     """One state.
 
     Attributes:
-        state: READY, WAITING, FATAL or ON_THE_WAY.
+        state: READY, WAITING, COMPILING, COMPILED, FATAL or ON_THE_WAY.
         text: The words for people.
         awaits: What is waited for, PUBLISHERS or ANSWERS; '' where nothing is missing.
         at_ns: Simulated time at which time stands still for it [ns]; -1 where none does.
@@ -67,7 +68,8 @@ class StateReader:
     """The supervisor's end of the pipe of one node.
 
     Attributes:
-        told: The states so far, after `read`, but for ON_THE_WAY.
+        told: The states so far, after `read`, but for ON_THE_WAY and compilation.
+        compiles: Whether it compiles at this moment.
         way: The newest state ON_THE_WAY; None before the first.
     """
 
@@ -77,6 +79,7 @@ class StateReader:
         os.set_blocking(self._writer, False)
         self._rest = b''
         self.told: list[NodeState] = []
+        self.compiles = False
         self.way: NodeState | None = None
 
     @property
@@ -102,6 +105,8 @@ class StateReader:
                 state = NodeState(**json.loads(line))
                 if state.state == ON_THE_WAY:
                     self.way = state
+                elif state.state in (COMPILING, COMPILED):
+                    self.compiles = state.state == COMPILING
                 else:
                     self.told.append(state)
         return self.told

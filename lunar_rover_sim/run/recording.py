@@ -190,7 +190,8 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
            on_start: Callable[[Scenario, int], None] = lambda _scenario, _domain: None,
            on_progress: Callable[[int], None] = lambda _now_ns: None,
            on_warning: Callable[[str], None] = lambda _text: None,
-           on_way: Callable[[float, float], None] = lambda _driven_m, _left_m: None) -> Recording:
+           on_way: Callable[[float, float], None] = lambda _driven_m, _left_m: None,
+           on_wait: Callable[[str], None] = lambda _text: None) -> Recording:
     """Run the nodes of a scenario as processes until its end; return what they recorded.
 
     ROS runs in the node processes only. KeyboardInterrupt stops the nodes in order, so that the
@@ -208,6 +209,8 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
         on_progress: Called ten times a second with the simulated time [ns].
         on_warning: Called with every line of level WARN or worse that a node logs.
         on_way: Called, in a run with a navigator, with the way driven and that to the goal [m].
+        on_wait: Called where time begins to stand still for something else, a node that loads or
+            compiles or does not answer, with what that is; with '' when it goes on.
 
     Raises:
         ConfigError: If an argument is not valid, or `folder` exists or cannot be written.
@@ -248,13 +251,16 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
     for line in unrecorded_cameras(scenario):
         logger.warning('render_node.hazard.%s', line)
     folder = Path(folder).resolve()
-    now_ns = 0
+    now_ns, waits = 0, ''
     told: set[str] = set()
 
     def progress(time_ns: int) -> None:
-        nonlocal now_ns
+        nonlocal now_ns, waits
         now_ns = time_ns
         report(logs)
+        if (text := nodes.waits_for(now_ns)) != waits:
+            waits = text
+            on_wait(text)
         if (way := nodes.way_m()) is not None:
             on_way(*way)
         on_progress(time_ns)

@@ -13,6 +13,7 @@ from typing import Any
 from command_line import given
 import pytest
 
+from lunar_rover_sim.base.compilation import COMPILATION
 from lunar_rover_sim.cli import terminal
 from lunar_rover_sim.cli.main import COMMANDS, GROUPS, load, main
 
@@ -155,6 +156,7 @@ def test_a_parameter_without_its_section_is_offered(text: str, offered: str, tmp
 def test_progress_in_a_pipe(capsys: pytest.CaptureFixture[str],
                             monkeypatch: pytest.MonkeyPatch) -> None:
     """A line now and then on stderr: what is done, how much, how long it takes; stdout is free."""
+    monkeypatch.setattr(terminal, 'PIPE_FIRST_S', 0.01)
     monkeypatch.setattr(terminal, 'PIPE_PERIOD_S', 0.01)
     with terminal.Progress('walking', 8, 'walks') as progress:
         for done in range(1, 5):
@@ -165,6 +167,21 @@ def test_progress_in_a_pipe(capsys: pytest.CaptureFixture[str],
     lines = said.err.splitlines()
     assert re.fullmatch(r'walking: \d/8 walks, 0:00', lines[0])
     assert re.fullmatch(r'walking: 4/8 walks, 0:00', lines[-1])
+
+
+def test_a_wait_for_compilation_is_named_and_no_line_is_wide(
+        capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numba keeps what it compiles: it is said that this is once."""
+    monkeypatch.setattr(terminal, 'PIPE_FIRST_S', 0.01)
+    monkeypatch.setattr(terminal, 'PIPE_PERIOD_S', 0.01)
+    with terminal.Progress('simulating') as progress:
+        progress.named(f'nothing on {"stereo/left/camera_info " * 6}')
+        COMPILATION.begin()
+        time.sleep(0.1)
+        COMPILATION.end()
+    lines = capsys.readouterr().err.splitlines()
+    assert any('compiling, once' in line for line in lines)
+    assert max(map(len, lines)) <= 100
 
 
 def test_the_time_left_is_that_of_the_whole_pace(monkeypatch: pytest.MonkeyPatch) -> None:

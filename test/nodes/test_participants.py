@@ -415,7 +415,7 @@ def test_a_long_wait_is_told_before_it_is_an_error(
                 gait.watch()
             assert gait.node.failure is None
             gait.velocity(Time(nanosec=1))
-    lines = [line for line in capfd.readouterr().err.splitlines() if '4 s so far' in line]
+    lines = [line for line in capfd.readouterr().err.splitlines() if '3 s so far' in line]
     assert [line.split(']')[0] for line in lines] == ['[WARN', '[INFO']
     assert all('nothing on cmd_vel (from' in line and line.endswith('waits for up to 60 s')
                for line in lines)

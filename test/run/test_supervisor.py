@@ -153,6 +153,51 @@ def test_who_has_not_started_is_named(tmp_path: Path, monkeypatch: pytest.Monkey
         nodes.kill()
 
 
+# Typing a call of `slow` takes two seconds, as that of large loops does.
+COMPILES = """
+import time
+from numba.extending import overload
+from lunar_rover_sim.base.compiled import compiled
+from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.nodes.node_main import run
+
+def slow(x):
+    return x
+
+@overload(slow)
+def slow_of(x):
+    time.sleep(2.0)
+    return lambda x: x
+
+@compiled
+def loop(x):
+    return slow(x)
+
+def node():
+    time.sleep(1.0)
+    loop(1.0)
+    time.sleep(1.0)
+    raise ConfigError('done')
+
+exit(run(node, ['drive_node']))
+"""
+
+
+@pytest.mark.ros
+def test_what_a_run_waits_for_at_its_start(tmp_path: Path,
+                                           monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nodes that load, then that they compile, then that they load again."""
+    nodes, seen = start_all(tmp_path, monkeypatch, {'drive_node': COMPILES}), ['']
+    try:
+        while 'done' not in str(nodes.fatal_error()):
+            words = nodes.waits_for(0)
+            seen += [words] if words != seen[-1] else []
+            time.sleep(0.02)
+    finally:
+        nodes.kill()
+    assert seen[1:] == ['loading drive_node', 'compiling, once: drive_node', 'loading drive_node']
+
+
 def finish(nodes: NodeProcesses) -> None:
     """Return when physics has finished; raise where a node has failed."""
     while not nodes.has_finished():
