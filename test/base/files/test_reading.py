@@ -129,7 +129,8 @@ def test_yaml_is_written_as_pyyaml_itself_writes_it(layout) -> None:
     document = {
         'numbers': [1, -0.0, 1e-9, 1.5e300, float('inf'), *rng.standard_normal(30).tolist()],
         'rows': rng.standard_normal((3, 20)).round(5).tolist(), 'empty': [[], {}, '', None],
-        'like other types': ['true', '~', '1.0e+3', '0x1f', '2026-11-24', '- a: b #', 'yes', ' x '],
+        'like other types': ['true', '~', '1.0e+3', '0x1f', '2026-11-24', '- a: b #', 'yes',
+                             ' x '],
         'text': ['a' * 120, 'word ' * 60, 'two\nlines\n', '\ttab \\ "q" \'q\'', 'é 日本 🚀 \x07'],
         'deep': {'a': {'b': {'c': [True, {'d': 1}]}}}}
     assert yaml_of(document, **layout) == yaml.safe_dump(document, sort_keys=False, **layout)
