@@ -96,9 +96,9 @@ def depth_m(force_n: float, zeta_npm3: float) -> float:
 
 
 def simulate(world: World | None = None, rover: RoverDescription = ROVER,
-             **config: object) -> Simulation:
+             site: object = None, **config: object) -> Simulation:
     """Return a simulation with some physics parameters changed."""
-    return Simulation(world or make_world(), rover, PhysicsConfig(**config))
+    return Simulation(world or make_world(), rover, PhysicsConfig(**config), site)
 
 
 def soft(preset: str = 'highland', **values: object) -> GroundConfig:

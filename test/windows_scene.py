@@ -1,5 +1,6 @@
 """One piece of ground with rocks and craters, and windows of it in the frame of a site."""
 
+from collections.abc import Sequence
 import dataclasses
 import functools
 
@@ -62,3 +63,37 @@ def window(middle_m: tuple[float, float], half_m: float, around: tuple[float, fl
                       rng.uniform(0.0, 0.3, 9), np.zeros(9, np.int32))
     world = make_world(ground.heights_m, CELL_M, rocks, (shape(),))
     return dataclasses.replace(world, levels=(ground,), craters=craters)
+
+
+class CutSite:
+    """A site of windows around a place, with steps as small as a test wants them.
+
+    Attributes:
+        ahead_m: Middles of the windows that were to be made ahead.
+        entered_m: Middles of those that were asked for.
+    """
+
+    def __init__(self, around: tuple[float, float], step_m: float = 12.8, half_m: float = 12.8,
+                 reach_m: float = 1e3) -> None:
+        self.step_m, self.half_extent_m = step_m, reach_m + half_m
+        self._around, self._half_m, self._reach = around, half_m, round(reach_m / step_m)
+        self.ahead_m: list[tuple[float, float]] = []
+        self.entered_m: list[tuple[float, float]] = []
+
+    def middle(self, xy_m: Sequence[float],
+               now_m: tuple[float, float] | None = None) -> tuple[float, float]:
+        """Return the middle of the window for a rover at a place."""
+        if now_m is not None and max(abs(a - b) for a, b in zip(xy_m, now_m)) < 0.75 * self.step_m:
+            return now_m
+        x, y = (round(self.step_m * min(max(round(a / self.step_m), -self._reach), self._reach), 9)
+                for a in xy_m)
+        return x, y
+
+    def window(self, middle_m: tuple[float, float]) -> World:
+        """Return the window."""
+        self.entered_m.append(middle_m)
+        return window(middle_m, self._half_m, self._around)
+
+    def ahead(self, middle_m: tuple[float, float]) -> None:
+        """Note that a window will be needed."""
+        self.ahead_m.append(middle_m)

@@ -31,7 +31,8 @@ from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectS
 from lunar_rover_sim.nodes.ground_listener import GroundListener
 from lunar_rover_sim.nodes.image_conversions import cloud
 from lunar_rover_sim.nodes.node_main import TimeJump
-from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds
+from lunar_rover_sim.nodes.own_world import (load_own_world, refuse_other_worlds,
+                                              WindowListener)
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.rover.rover_file import load_rover
@@ -74,6 +75,7 @@ class LidarNode(node_main.GraphNode):
         rover = load_rover(config.rover or None)
         self._legs = rover.legs
         self._lidar = Lidar(world, rover, config, config.seed)
+        self._windows = WindowListener(self, world, config.lockstep)
         self._ring = self._lidar.pattern.ring_at(config.horizontal_beam)
         # Twenty states a scan: rosbags reads one in a fifth of the time that rclpy takes.
         self._types: Any = get_typestore(Stores.ROS2_JAZZY)
@@ -142,6 +144,10 @@ class LidarNode(node_main.GraphNode):
             self.wake()
 
     # Output
+
+    def close(self) -> None:
+        """End the thread that makes windows."""
+        self._windows.close()
 
     def work(self) -> None:
         """Make the scans that are due; leave out those whose start has not been seen."""
@@ -216,6 +222,9 @@ class LidarNode(node_main.GraphNode):
     def _publish(self, start: int, read: set[str]) -> None:
         """Make the scan that begins at a stamp [ns], and publish the topics that are read."""
         config, stamp = self._config, conversions.time_msg(start)
+        world = self._windows.at(start)
+        if world is not None:
+            self._lidar.enter(world)
         if self._ground.is_known and not self._follows:
             self._lidar.follow(self._ground.overlay)
             self._follows = True

@@ -15,6 +15,8 @@ from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError, GraphError
 from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.ground.world.moon_place import reported_site
+from lunar_rover_sim.image.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.own_world import load_own_world
@@ -57,8 +59,9 @@ class PhysicsNode(node_main.GraphNode):
             self, self._simulation.overlay, lambda: self._simulation.world.ground,
             config.ground_period_ns, topics.GROUND_CHANGES.frame(config.separate_truth)))
         changes = [] if self._ground is None else [self._ground.changes]
-        self._platform = platform = Platform(self._simulation, world, config.sun, config.seed,
-                                             1e-9 * config.state_period_ns)
+        self._platform = platform = Platform(
+            self._simulation, sun_of_date(config.sun, reported_site(world.report)), config.seed,
+            1e-9 * config.state_period_ns)
         self._unpublished = unpublished(config.separate_truth, config.publish_clock,
                                         config.ground.deforms)
         self._requested = RequestedSensors(self, mounted(config, platform), self._unpublished)
@@ -67,7 +70,7 @@ class PhysicsNode(node_main.GraphNode):
             tuple(dict.fromkeys([*config.wait.topics, *config.participants])))
         self._latched_publishers = [self._latch(topics.WORLD_HASH, world.hash),
                                     self._latch(topics.ROBOT_DESCRIPTION, urdf(rover))]
-        self._window = world
+        self._window = self._simulation.world
         self._window_publisher = self.create_publisher(
             PointStamped, topics.WORLD_WINDOW.name, qos.offered(topics.WORLD_WINDOW))
         self._publish_window(0)

@@ -15,6 +15,7 @@ from std_msgs.msg import String
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.moon_place import reported_site
 from lunar_rover_sim.image.camera.miscalibration import Miscalibration
 from lunar_rover_sim.image.illumination.sun_of_date import sun_of_date
@@ -27,7 +28,8 @@ from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectS
 from lunar_rover_sim.nodes.ground_listener import GroundListener
 from lunar_rover_sim.nodes.moving_sun import MovingSun
 from lunar_rover_sim.nodes.node_main import TimeJump
-from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds
+from lunar_rover_sim.nodes.own_world import (load_own_world, refuse_other_worlds,
+                                              WindowListener)
 from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.state_publisher import publish_frames
@@ -83,6 +85,7 @@ class RenderNode(node_main.GraphNode):
         self._legs = rover.legs
         self._renderer = Renderer(world, rover, config, config.seed)
 
+        self._windows = WindowListener(self, world, config.lockstep)
         cameras = config.cameras
         # States begin periods of frames as they arrive, frames those of all images as they are
         # drawn.
@@ -115,7 +118,7 @@ class RenderNode(node_main.GraphNode):
             self, [publisher for camera in self._cameras for publisher in camera.publishers],
             config.participants if config.lockstep else ())
         self._sun = MovingSun(self, config, self._renderer)
-        LabelPublisher(self, self._renderer, rover.legs.names)
+        self._labels = LabelPublisher(self, self._renderer, rover.legs.names)
         if not config.miscalibration.perfect:
             told = json.dumps(Miscalibration.drawn(config.miscalibration, config.seed).told(
                 config.camera))
@@ -134,6 +137,7 @@ class RenderNode(node_main.GraphNode):
         for camera in self._cameras:
             camera.close()
         self._sun.close()
+        self._windows.close()
         self._renderer.close()
         for camera in self._cameras:
             camera.raise_error()
@@ -274,6 +278,9 @@ class RenderNode(node_main.GraphNode):
         wanted = [camera.wanted(frame.due, frame.published) for camera in self._cameras]
         if not any(wanted):
             return False
+        world = self._windows.at(frame.stamp_ns)
+        if world is not None:
+            self._enter(world)
         if self._ground.is_known and not self._begun and not self._renderer.follows:
             self._renderer.follow(self._ground.overlay)
         self._ground.advance(frame.stamp_ns)
@@ -294,6 +301,13 @@ class RenderNode(node_main.GraphNode):
                              frame.before)
         self._begun.append(_Begun(frame, names, layers))
         return True
+
+    def _enter(self, world: World) -> None:
+        """Draw another window of the site; frames under way are of the one before."""
+        self._renderer.enter(world)
+        for camera in self._cameras:
+            camera.enter(world)
+        self._labels.enter()
 
     def _finish(self, begun: _Begun) -> None:
         """Take a frame from the renderer and publish it."""

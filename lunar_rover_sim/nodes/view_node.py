@@ -20,18 +20,20 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
+from lunar_rover_sim.nodes.own_world import WindowListener
 from lunar_rover_sim.nodes.parameters import declare
-from lunar_rover_sim.run.live_page import map_pages
+from lunar_rover_sim.run.live_page import MapPages
 from lunar_rover_sim.run.live_view import LiveView
 from lunar_rover_sim.run.node_config import ViewNodeConfig
 
 _POLL_S = 0.2
 _HISTORY = 5
+_EVER_NS = 2 ** 63
 _TWIST = struct.Struct('<4x6d')
 
 
 class ViewNode(node_main.GraphNode):
-    """Subscribes to what a client watches, and then to the clock; to nothing else.
+    """Subscribes to what a client watches, and then to the clock; and to windows of the site.
 
     It takes no part in lockstep: nobody waits for it, and a slow client loses messages. It
     publishes nothing but the velocities that a client sends.
@@ -43,9 +45,10 @@ class ViewNode(node_main.GraphNode):
         self._begun: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._drivers: dict[str, Publisher] = {}
         self._others: list[str] = []        # nodes that drive
-        pages = map_pages(load_world(config.world, verify=False) if config.world else None,
-                          lambda: self._others)
-        self._view = LiveView(config.port, self._begun.put, self._on_drive, pages,
+        world = load_world(config.world, verify=False) if config.world else None
+        self._map = MapPages(world, lambda: self._others)
+        self._windows = None if world is None else WindowListener(self, world, lockstep=False)
+        self._view = LiveView(config.port, self._begun.put, self._on_drive, self._map.extra,
                               config.allow_origin)
         store = get_typestore(Stores.ROS2_JAZZY)
         self._stamps = StampTable(store)
@@ -59,9 +62,14 @@ class ViewNode(node_main.GraphNode):
     def close(self) -> None:
         """Stop to serve."""
         self._view.close()
+        if self._windows is not None:
+            self._windows.close()
 
     def _poll(self) -> None:
-        """Offer new topics, and read those that are watched."""
+        """Offer new topics, read those that are watched, and show the window of the rover."""
+        world = None if self._windows is None else self._windows.at(_EVER_NS)
+        if world is not None:
+            self._map.show(world)
         for topic, types in self.get_topic_names_and_types():
             if topic not in self._types and self._view.offer(topic, types[0]):
                 self._types[topic] = types[0]

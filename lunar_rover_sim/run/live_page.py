@@ -102,24 +102,40 @@ _MAP_PX = 1000
 _ROCKS = 2000       # the largest ones are on the map
 
 
-def map_pages(world: World | None,
-              drivers: Callable[[], Sequence[str]] = lambda: ()) -> Extra:
-    """Return the paths that the page asks for.
+class MapPages:
+    """What the page asks for its map of a window, which may change.
 
-    Args:
-        world: Of the map; None: there is none.
-        drivers: Returns who drives, so that the page must not.
+    Attributes:
+        extra: The paths.
     """
-    facts = {} if world is None else _facts_of(world)
-    picture = None if world is None else png_bytes(world.relief_picture(_MAP_PX))
-    return {'/live.json': lambda: json.dumps({**facts, 'drivers': list(drivers())}).encode(),
-            '/map.png': lambda: picture}
+
+    def __init__(self, world: World | None,
+                 drivers: Callable[[], Sequence[str]] = lambda: ()) -> None:
+        """Show a window.
+
+        Args:
+            world: Of the map; None: there is none.
+            drivers: Returns who drives, so that the page must not.
+        """
+        self._facts: dict[str, Any] = {}
+        self._picture: bytes | None = None
+        self.extra: Extra = {
+            '/live.json': lambda: json.dumps({**self._facts, 'drivers': list(drivers())}).encode(),
+            '/map.png': lambda: self._picture}
+        if world is not None:
+            self.show(world)
+
+    def show(self, world: World) -> None:
+        """Show another window of the site from now on."""
+        self._picture = png_bytes(world.relief_picture(_MAP_PX))
+        self._facts = _facts_of(world)
 
 
 def _facts_of(world: World) -> dict[str, Any]:
-    """Return the width of the map and (x, y, radius) of rocks [m]."""
+    """Return middle and half of the width of the map, and (x, y, radius) of rocks [m]."""
     rocks = world.rocks
     radius_m = 0.5 * rocks.size_classes_m[rocks.size]
     largest = np.argsort(-radius_m, kind='stable')[:_ROCKS]
     shown = np.column_stack([rocks.position_m[largest, :2], radius_m[largest]])
-    return {'half_extent_m': world.ground.half_extent_m, 'rocks': shown.round(3).tolist()}
+    return {'half_extent_m': world.ground.half_extent_m, 'middle_m': world.ground.middle_m,
+            'rocks': shown.round(3).tolist()}

@@ -23,7 +23,6 @@ from lunar_rover_sim.image.illumination.config import SunConfig
 from lunar_rover_sim.rover.description import RoverDescription
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.ground.world.model import World
     from lunar_rover_sim.rover.physics.simulation import Simulation
     from lunar_rover_sim.rover.physics.state import RoverState
     from lunar_rover_sim.sensors.sun_from_rover import SunFromRover
@@ -64,7 +63,7 @@ POWER = Content('power', 'power')
 
 @dataclasses.dataclass(frozen=True)
 class Platform:
-    """What carries the sensors: the simulated rover on its world.
+    """What carries the sensors: the simulated rover on its site.
 
     Attributes:
         sun_config: The sun as the parameters give it, perhaps with a date.
@@ -73,7 +72,6 @@ class Platform:
     """
 
     simulation: Simulation
-    world: World
     sun_config: SunConfig
     seed: int
     state_period_s: float
@@ -87,7 +85,7 @@ class Platform:
     def sun(self) -> SunFromRover:
         """What places on the rover see of the sun; one for all sensors."""
         from lunar_rover_sim.sensors.sun_from_rover import SunFromRover
-        return SunFromRover(self.simulation, self.world, self.sun_config)
+        return SunFromRover(self.simulation, self.sun_config)
 
 
 # What sensors measure. Other messages are given by the values of their fields, by dotted names.

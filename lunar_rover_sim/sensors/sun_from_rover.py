@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.base.frames import Array
-from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.moon_place import reported_site
 from lunar_rover_sim.image.illumination.config import SunConfig
 from lunar_rover_sim.image.illumination.sun_of_date import earth_of_date, sun_of_date, SunPath
@@ -19,15 +18,14 @@ from lunar_rover_sim.rover.physics.state import RoverState
 class SunFromRover:
     """The sun past relief, rocks and the rover itself, and the Earth."""
 
-    def __init__(self, simulation: Simulation, world: World, sun: SunConfig) -> None:
+    def __init__(self, simulation: Simulation, sun: SunConfig) -> None:
         """Look from a rover.
 
         Args:
-            world: Its report says where on the Moon it is; the ground is the simulation's.
             sun: As a parameter gives it, perhaps with a date.
         """
         self._simulation, self._window = simulation, simulation.world
-        self._path = SunPath(sun_of_date(sun, reported_site(world.report)))
+        self._path = SunPath(sun_of_date(sun, reported_site(simulation.world.report)))
         self._step = -1
 
     def follow(self, sun: SunConfig) -> None:

@@ -40,7 +40,7 @@ class Reader:
 
 def of(node: Reader, simulation: Simulation, config: PhysicsNodeConfig) -> RequestedSensors:
     """Return the sensors of a rover on its world, read by a node."""
-    platform = Platform(simulation, make_world(), config.sun, config.seed,
+    platform = Platform(simulation, config.sun, config.seed,
                         1e-9 * config.state_period_ns)
     return RequestedSensors(node, mounted(config, platform),  # type: ignore[arg-type]
                             topics.OF_SOFT_GROUND)

@@ -259,7 +259,7 @@ def test_mounted_sensors_measure_at_their_places():
             joint_velocity_radps=np.array([1.0, 2.0, 3.0, 4.0]))
         # These places are where the chassis casts its shadow, and on the side of the sun.
         places = [tuple(turn.inv().apply(place - state.position_m)) for place in (behind, ahead)]
-        platform = Platform(simulation, world, SunConfig(
+        platform = Platform(simulation, SunConfig(
             azimuth_deg=0.0, elevation_deg=0.3, angular_diameter_deg=0.1), 7, STATE_S)
         for place in places:
             sensors = {one.name: one for one in mounted(SensorsConfig(

@@ -4,7 +4,7 @@ import dataclasses
 import math
 
 import numpy as np
-from physics_scene import make_world, simulate, trot
+from physics_scene import simulate, trot
 import pytest
 import worlds
 
@@ -209,7 +209,7 @@ def test_a_rover_that_stands_tells_nothing(walks):
 
 
 def platform(simulation):
-    return Platform(simulation, make_world(), SunConfig(), 1, 0.005)
+    return Platform(simulation, SunConfig(), 1, 0.005)
 
 
 def test_slip_over_sweep_is_the_slip_ratio():

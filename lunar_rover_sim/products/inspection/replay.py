@@ -13,7 +13,7 @@ from lunar_rover_sim.bag.reader import Bag, open_bag, RawMessage
 from lunar_rover_sim.bag.totals import simulated_end_ns
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import BagError
-from lunar_rover_sim.run.live_page import Access, map_pages
+from lunar_rover_sim.run.live_page import Access, MapPages
 from lunar_rover_sim.run.live_view import Control, LiveView
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.run.transforms import tf_of_odometry, transforms_of
@@ -46,9 +46,9 @@ def replay(path: Path, port: int, speed: float = 1.0, world: Path | None = None,
         if not bag.message_count:
             raise BagError(f'{path}: holds no message')
         player = _Player(bag, looked_up, speed, on_time)
-        with LiveView(port, player.note_watched, pages=map_pages(RecordedRun(bag).world(world)),
-                      origins=origins, recording=(bag.start_ns, player.end_ns),
-                      on_control=player.ask) as view:
+        pages = MapPages(RecordedRun(bag).world(world)).extra
+        with LiveView(port, player.note_watched, pages=pages, origins=origins,
+                      recording=(bag.start_ns, player.end_ns), on_control=player.ask) as view:
             on_start(view.access)
             player.play(view)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import collections
 import dataclasses
 import logging
-import math
 import numbers
 import re
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -16,42 +16,53 @@ from numpy.typing import ArrayLike
 from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.closing import Closing
 from lunar_rover_sim.base.errors import ConfigError, GroundLeftError, one_line, PhysicsError
-from lunar_rover_sim.base.frames import (Array, matrix_from_wxyz, rotated, tilt_deg,
-                                         wxyz_from_matrix)
+from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, rotated, tilt_deg
 from lunar_rover_sim.ground.regolith.looseness import soil_map
 from lunar_rover_sim.ground.regolith.overlay import Overlay
-from lunar_rover_sim.ground.world.grid import HeightGrid
+from lunar_rover_sim.ground.world.follower import Follower
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mjcf import BASE_BODY
-from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.rover.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.physics.foot_motion import FootMotion, FootObserver
 from lunar_rover_sim.rover.physics.model import build_model
 from lunar_rover_sim.rover.physics.observation import Observer
+from lunar_rover_sim.rover.physics.placing import check_start, finite, is_on, place, relocate
 from lunar_rover_sim.rover.physics.soft_ground import GroundContact, SoftGround
 from lunar_rover_sim.rover.physics.soil_contact import set_soil
 from lunar_rover_sim.rover.physics.state import RoverState
 
+if TYPE_CHECKING:
+    from lunar_rover_sim.ground.world.site import Site
+
 MAX_SPEED = 100.0  # [m/s] and [rad/s]: nothing on this rover moves faster unless it diverges
 MAX_COMMAND_RADPS = 1e6
+_FOLLOW_S = 0.5     # after which it looks whether the rover is in another window
 MAX_START_TILT_DEG = 60.0  # settled at more, the rover lies on its side or leans on a rock
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _FULL = (int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL))
 
 
 class Simulation(Closing):
-    """A rover on a world in MuJoCo; it starts at rest, at time 0.
+    """A rover on a site in MuJoCo; it starts at rest, at time 0.
 
-    A command holds until the next one. The same commands give the same states, bit by bit, on one
+    The window of the site goes on with the rover; `world` is the present one. The motion is bit
+    for bit that in one window large enough for all of it. A command holds until the next one. The same commands give the same states, bit by bit, on one
     machine. Use the simulation as a context manager, or call `close`.
     """
 
-    def __init__(self, world: World, rover: RoverDescription, config: PhysicsConfig) -> None:
-        """Place the rover at its start and let it settle.
+    def __init__(self, world: World, rover: RoverDescription, config: PhysicsConfig,
+                 site: Site | None = None) -> None:
+        """Place the rover at its start, anywhere on the site, and let it settle.
+
+        Args:
+            world: A window of the site. One that was made by hand is all of its site.
+            site: By default the one that the world says it is a window of.
 
         Raises:
             ConfigError: If it cannot stand there, or where the time step is too long for the
                 contact.
+            WorldError: If the window around the start cannot be made.
         """
         catch_warnings()
         self.rover = rover
@@ -61,12 +72,14 @@ class Simulation(Closing):
         self._state: RoverState
         self._soft_ground: SoftGround | None = None
         self._ground_contact: GroundContact | None = None
-        self._bind(world)
+        self._follower = Follower(world, site)
+        check_start(config.start, self._follower)
+        self._bind(self._follower.at(config.start.x_m, config.start.y_m))
         model, data = self.model, self.data
-        place(model, data, world.ground, rover, config.start)
+        place(model, data, self._world.ground, rover, config.start)
         self._observer.motion = data.qpos[3:7].copy(), np.zeros(3)
         self._settle()
-        self._start_world = world
+        self._start_site, self._start_middle_m = self._follower.site, self._world.ground.middle_m
         self._start = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, data, self._start, _STATE)
         self._start_state = self._state
@@ -135,7 +148,8 @@ class Simulation(Closing):
     def enter(self, world: World) -> None:
         """Go on in another window of the site; the motion is bit for bit that without.
 
-        Model and data are new ones then.
+        The simulation does so by itself. This is for windows that were made by hand. Model and
+        data are new ones then.
 
         Raises:
             PhysicsError: If the window does not hold the rover, or has other ground there.
@@ -147,6 +161,7 @@ class Simulation(Closing):
             raise PhysicsError(f'enter: {around} is not valid; its ground at the rover, x = '
                                f'{x:.2f} m, y = {y:.2f} m, is at {there:g} m; valid is a window '
                                f'of the same site that holds the rover, at {here:g} m')
+        self._follower.enter(world)
         self._continue_on(world)
 
     def _continue_on(self, world: World) -> None:
@@ -218,18 +233,34 @@ class Simulation(Closing):
         """Make n >= 1 steps of `config.step_s` and return the state at their end.
 
         Raises:
-            PhysicsError: If the motion diverges or the rover leaves the ground.
+            PhysicsError: If the motion diverges or the rover leaves the site.
+            WorldError: If the next window cannot be made.
         """
         if not isinstance(n_steps, numbers.Integral) or n_steps < 1:
             raise PhysicsError(f'advance: {brief(n_steps)} is not valid; valid is a whole number'
                                ' of steps >= 1')
-        model, data = self.model, self.data
-        step, observer = mujoco.mj_step, self._observer
-        step_wrench, step_torque = observer.leg_wrench, observer.motor_torque
-        wrench, torque = np.zeros_like(step_wrench), np.zeros_like(step_torque)
-        soft_ground = self._soft_ground
-        if soft_ground is not None:
-            soft_ground.advance(int(n_steps), wrench, torque)
+        wrench = np.zeros_like(self._observer.leg_wrench)
+        torque = np.zeros_like(self._observer.motor_torque)
+        most = max(1, round(_FOLLOW_S / self.config.step_s))
+        for made in range(0, int(n_steps), most):
+            if made:
+                self._enter_at(*self._qpos[:2].tolist())
+            self._step(min(most, int(n_steps) - made), wrench, torque)
+        if self._soft_ground is not None:
+            self._ground_contact = self._soft_ground.observe()
+        wrench /= n_steps
+        torque /= n_steps
+        self._state = self._observer.observe(
+            self.time_ns, n_steps * self.config.step_ns * 1e-9, wrench, torque)
+        self._enter_at(*self._qpos[:2].tolist())
+        return self._state
+
+    def _step(self, n_steps: int, wrench: Array, torque: Array) -> None:
+        """Make steps, and add the wrenches (legs, 6) and torques (legs,) at each of them."""
+        model, data, step = self.model, self.data, mujoco.mj_step
+        step_wrench, step_torque = self._observer.leg_wrench, self._observer.motor_torque
+        if self._soft_ground is not None:
+            self._soft_ground.advance(n_steps, wrench, torque)
         else:
             for _ in range(n_steps):
                 step(model, data)
@@ -237,19 +268,21 @@ class Simulation(Closing):
                 torque += step_torque
         self._steps += n_steps
         self._check()
-        if soft_ground is not None:
-            self._ground_contact = soft_ground.observe()
-        wrench /= n_steps
-        torque /= n_steps
-        self._state = observer.observe(self.time_ns, n_steps * self.config.step_ns * 1e-9, wrench,
-                                       torque)
-        return self._state
+
+    def _enter_at(self, x_m: float, y_m: float) -> None:
+        """Enter the window of the site for a rover at a place."""
+        world = self._follower.at(x_m, y_m)
+        if world is not self._world:
+            self._continue_on(world)
 
     def reset(self) -> RoverState:
         """Go back to the settled start, at time 0, and return its state."""
         catch_warnings()
-        if self._world is not self._start_world:
-            self._bind(self._start_world)
+        if (self._follower.site is not self._start_site
+                or self._world.ground.middle_m != self._start_middle_m):
+            self._follower = Follower(self._start_site.window(self._start_middle_m),
+                                      self._start_site)
+            self._bind(self._follower.world)
         mujoco.mj_resetData(self.model, self.data)
         mujoco.mj_setState(self.model, self.data, self._start, _STATE)
         if self._soft_ground is not None:
@@ -272,8 +305,16 @@ class Simulation(Closing):
         """
         if self._soft_ground is not None:
             raise PhysicsError('move: the ground deforms; valid is rigid ground')
-        relocate(self.model, self.data, self._world.ground, position_m, orientation_wxyz,
-                 linear_mps, angular_radps)
+        if position_m is not None:
+            x, y, _ = finite('position', position_m, 3).tolist()
+            if self._follower.holds(x, y):
+                self._enter_at(x, y)
+        try:
+            relocate(self.model, self.data, self._world.ground, position_m, orientation_wxyz,
+                     linear_mps, angular_radps, self._follower.end)
+        except PhysicsError:
+            self._enter_at(*self._qpos[:2].tolist())
+            raise
         self._observer.after_jump()
         quat = self._qpos[3:7].copy()
         self._state = dataclasses.replace(
@@ -310,8 +351,7 @@ class Simulation(Closing):
         x, y, _ = self._qpos[:3].tolist()
         if not is_on(self._world.ground, x, y):
             raise GroundLeftError(f'at {self.time_ns * 1e-9:.3f} s base_link left the ground at'
-                                  f' x = {x:.2f} m, y = {y:.2f} m; the ground ends at'
-                                  f' {end_of(self._world.ground)}')
+                                  f' x = {x:.2f} m, y = {y:.2f} m; {self._follower.end}')
 
 
 logger = logging.getLogger(__name__)
@@ -352,149 +392,3 @@ def _take(text: str) -> None:
     line = one_line(text)
     _texts.append(line)
     logger.debug('MuJoCo: %s', line)
-
-
-def is_on(ground: HeightGrid, x: float, y: float) -> bool:
-    """Return whether a place in the frame of the site lies on a ground."""
-    (middle_x, middle_y), limit = ground.middle_m, ground.half_extent_m
-    return abs(x - middle_x) <= limit and abs(y - middle_y) <= limit
-
-
-def end_of(ground: HeightGrid) -> str:
-    """Return where a ground ends, in words."""
-    x, y = ground.middle_m
-    around = f' around x = {x:g} m, y = {y:g} m' if (x, y) != (0.0, 0.0) else ''
-    return f'{ground.half_extent_m:.2f} m{around}'
-
-
-# A pose that lies deeper in the ground is refused: contact would throw the rover out.
-MAX_DEPTH_M = 0.003
-MAX_GIVEN_SPEED = 10.0    # [m/s] and [rad/s]
-
-
-def relocate(model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid,
-             position_m: ArrayLike | None, orientation_wxyz: ArrayLike | None,
-             linear_mps: ArrayLike | None, angular_radps: ArrayLike | None) -> None:
-    """Write pose (world frame) and velocity (world axes) of base_link into `data`.
-
-    What is None stays, and so do the legs.
-
-    Raises:
-        PhysicsError: If that is not a pose above the ground with the legs free of it, or a
-            velocity of MAX_GIVEN_SPEED and more; nothing is changed then.
-    """
-    qpos, qvel = data.qpos.copy(), data.qvel.copy()
-    if position_m is not None:
-        qpos[:3] = _finite('position', position_m, 3)
-    if orientation_wxyz is not None:
-        qpos[3:7] = _finite('orientation', orientation_wxyz, 4)
-    norm = float(np.linalg.norm(qpos[3:7]))
-    if abs(norm - 1.0) > 1e-3:
-        raise PhysicsError(f'orientation: {qpos[3:7].tolist()} is not valid; valid is a unit '
-                           'quaternion')
-    qpos[3:7] /= norm
-    x, y, z = qpos[:3].tolist()
-    if not is_on(ground, x, y):
-        raise PhysicsError(f'position: x = {x:g} m, y = {y:g} m is not on the ground; it ends at '
-                           f'{end_of(ground)}')
-    if linear_mps is not None:
-        qvel[:3] = _finite('linear velocity', linear_mps, 3)
-    if angular_radps is not None:
-        qvel[3:6] = _finite('angular velocity', angular_radps, 3) @ matrix_from_wxyz(qpos[3:7])
-    if max(np.linalg.norm(qvel[:3]), np.linalg.norm(qvel[3:6])) >= MAX_GIVEN_SPEED:
-        raise PhysicsError(f'velocity: {qvel[:6].tolist()} is not valid; valid is less than '
-                           f'{MAX_GIVEN_SPEED:g} m/s and rad/s')
-    before = data.qpos.copy()
-    data.qpos[:] = qpos
-    mujoco.mj_fwdPosition(model, data)
-    depth_m = max(-float(np.min(data.contact.dist, initial=0.0)),
-                  ground.height_at_point(x, y) - z)
-    if depth_m > MAX_DEPTH_M:
-        data.qpos[:] = before
-        mujoco.mj_fwdPosition(model, data)
-        raise PhysicsError(f'position: x = {x:.3f} m, y = {y:.3f} m, z = {z:.3f} m lies '
-                           f'{depth_m:.3f} m in the ground or in a rock; raise it')
-    data.qvel[:] = qvel
-    mujoco.mj_forward(model, data)
-
-
-def _finite(name: str, values: ArrayLike, count: int) -> Array:
-    array = np.asarray(values, dtype=float)
-    if array.shape != (count,) or not np.isfinite(array).all():
-        raise PhysicsError(f'{name}: {brief(values)} is not valid; valid is {count} finite '
-                           'numbers')
-    return array
-
-
-CLEARANCE_M = 0.001
-MARGIN_M = 1.0   # least distance of the start from the border of the ground
-RAISE_M = 0.005  # step by which the rover is raised until it touches nothing
-
-
-def place(model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid, rover: RoverDescription,
-          start: StartPose) -> None:
-    """Put the rover at the start pose, clear of the ground and of rocks; writes `data.qpos`.
-
-    Raises:
-        ConfigError: If the start is not on the ground, or if there is no room for the rover.
-    """
-    limit = ground.half_extent_m - MARGIN_M
-    for name, value, middle in (('start.x_m', start.x_m, ground.middle_m[0]),
-                                ('start.y_m', start.y_m, ground.middle_m[1])):
-        if abs(value - middle) > limit:
-            raise ConfigError(f'{name}: {value} is not valid; valid is {middle - limit:g} to '
-                              f'{middle + limit:g} [m] on this world')
-    rotation = _level_rotation(ground, rover, start)
-    data.qpos[:3] = start.x_m, start.y_m, 0.0
-    data.qpos[3:7] = wxyz_from_matrix(rotation)
-    legs = len(rover.legs.each)
-    if len(start.joint_angle_rad) not in (1, legs):
-        raise ConfigError(f'start.joint_angle_rad: {len(start.joint_angle_rad)} elements given; '
-                          f'valid is one for all legs, or {legs}')
-    data.qpos[7:7 + legs] = start.joint_angle_rad
-    data.qvel[:] = 0.0
-    mujoco.mj_kinematics(model, data)
-    # The tips; soft ground has balls on the chassis, too.
-    on_legs = model.geom_bodyid > mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
-    spheres = np.flatnonzero(on_legs & (model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE))
-    centres = data.geom_xpos[spheres]
-    lowest = centres[:, 2] - model.geom_size[spheres, 0]
-    # Steep ground touches a sphere beside its lowest point: look at a disc below each.
-    offsets = model.geom_size[spheres, 0].max() * _DISC
-    under = ground.height_at(centres[:, None, :2] + offsets)
-    data.qpos[2] = np.max(under.max(axis=1) - lowest) + CLEARANCE_M
-    for _ in range(400):
-        mujoco.mj_fwdPosition(model, data)
-        if data.ncon == 0:
-            return
-        data.qpos[2] += RAISE_M
-    raise ConfigError(f'start: no room for the rover at x_m = {start.x_m}, y_m = {start.y_m}')
-
-
-_ANGLES = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
-_DISC = np.concatenate([np.zeros((1, 2)), np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], -1)])
-
-
-def _level_rotation(ground: HeightGrid, rover: RoverDescription, start: StartPose) -> Array:
-    """Return R_world_base whose z axis is the normal of the plane through the footholds.
-
-    The plane is that of least squares. Sums of plain numbers round alike on every processor.
-    """
-    yaw = math.radians(start.yaw_deg)
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    feet = [position[:2] for position in rover.legs.axle_positions_m()]
-    heights = [ground.height_at_point(start.x_m + x * cos - y * sin, start.y_m + x * sin + y * cos)
-               for x, y in feet]
-    mid_x, mid_y, mid_z = (sum(values) / len(feet) for values in (*zip(*feet), heights))
-    xx = xy = yy = xz = yz = 0.0
-    for (x, y), z in zip(feet, heights):
-        x, y, z = x - mid_x, y - mid_y, z - mid_z
-        xx, xy, yy, xz, yz = xx + x * x, xy + x * y, yy + y * y, xz + x * z, yz + y * z
-    area = xx * yy - xy * xy        # > 0: the centre of mass is between the axles
-    slope_x, slope_y = (xz * yy - yz * xy) / area, (yz * xx - xz * xy) / area
-    # The heading along the plane, and its cross product with what is to the left of it.
-    along = math.sqrt(1.0 + slope_x * slope_x)
-    x_axis = np.array([cos / along, sin / along, slope_x / along])
-    z_axis = np.cross(x_axis, [-sin, cos, slope_y])
-    z_axis /= math.sqrt(sum(v * v for v in z_axis.tolist()))
-    return np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis])

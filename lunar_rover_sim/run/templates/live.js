@@ -256,7 +256,7 @@ function watchContact(topic) {
 
 // Map
 
-let relief = null, grid = null;
+let relief = null, grid = null, asked = '';
 
 function onGrid(message) {
   const {width, height, resolution, origin} = message.info;
@@ -291,8 +291,7 @@ function drawMap() {
     const [left, top] = at(x, y + h);
     context.drawImage(picture, left, top, scale * w, scale * h);
   };
-  const half = facts.half_extent_m;
-  if (relief && half) place(relief, -half, -half, 2 * half, 2 * half);
+  if (relief) place(relief.picture, relief.x, relief.y, relief.width, relief.width);
   if (grid) place(grid.canvas, grid.x, grid.y, grid.width, grid.height);
   context.fillStyle = '#9a7b4f';
   for (const [x, y, radius] of facts.rocks ?? []) {
@@ -418,10 +417,12 @@ element('topics').addEventListener('change', (event) => showImage(event.target.v
 async function askFacts() {
   try {
     facts = await (await fetch('live.json' + location.search)).json();
-    if (facts.half_extent_m && !relief) {
-      const picture = new Image();
-      picture.onload = () => { relief = picture; };
-      picture.src = 'map.png' + location.search;
+    const half = facts.half_extent_m, middle = facts.middle_m;
+    if (half && asked !== String(middle)) {     // another window of the site
+      asked = String(middle);
+      const picture = new Image(), [x, y] = [middle[0] - half, middle[1] - half];
+      picture.onload = () => { relief = { picture, x, y, width: 2 * half }; };
+      picture.src = 'map.png' + location.search + (location.search ? '&' : '?') + 'at=' + asked;
     }
   } catch { /* the run has ended: the connection tells */ }
 }

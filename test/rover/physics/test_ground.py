@@ -254,7 +254,7 @@ def test_the_imu_feels_weight_at_rest_and_nothing_in_flight() -> None:
                           ('angular_radps', 3)) for wrong in (count - 1, count + 1)),
     ({'position_m': [0.0, 0.0, -1.0]}, 'in the ground or in a rock; raise it'),
     ({'position_m': [0.0, 0.0, 0.03]}, 'in the ground or in a rock; raise it'),
-    ({'position_m': [99.0, 0.0, 1.0]}, 'is not on the ground; it ends at'),
+    ({'position_m': [99.0, 0.0, 1.0]}, 'is not on the ground; the ground ends at'),
     ({'position_m': [np.nan, 0.0, 1.0]}, 'valid is 3 finite numbers'),
     ({'orientation_wxyz': [0.0] * 4}, 'valid is a unit quaternion'),
     ({'linear_mps': [1e3, 0.0, 0.0]}, 'valid is less than'),

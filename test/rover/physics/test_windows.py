@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 from physics_scene import make_world, rough_heights, ROVER, simulate, soft, trot
 import pytest
-from windows_scene import window
+from windows_scene import CutSite, window
 
-from lunar_rover_sim.base.errors import GroundLeftError, PhysicsError
+from lunar_rover_sim.base.errors import ConfigError, GroundLeftError, PhysicsError
 from lunar_rover_sim.ground.regolith.overlay import GroundChanges
 from lunar_rover_sim.ground.world.grid import height_step_m, HeightGrid, on_lattice
 from lunar_rover_sim.ground.world.model import World
@@ -43,14 +43,14 @@ def touches_rock(simulation: Simulation) -> bool:
 
 
 def walk(world: World, ground: GroundConfig, changes: Mapping[int, World],
-         duration_s: float = 3.0) -> tuple[np.ndarray, GroundChanges | None, bool]:
+         duration_s: float = 3.0, site: CutSite | None = None) -> tuple[np.ndarray, GroundChanges | None, bool]:
     """Return all states of a walk, the ground that it leaves, and whether it touches a rock.
 
     changes: Number of states → window that is entered after it
     """
     start = StartPose(x_m=AT[0], y_m=AT[1], yaw_deg=20.0, settle_s=0.3)
     states, rock = [], False
-    with simulate(world, ground=ground, start=start) as simulation:
+    with simulate(world, ground=ground, start=start, site=site) as simulation:
         def observe(_: object) -> None:
             nonlocal rock
             states.append(everything(simulation))
@@ -77,6 +77,56 @@ def test_a_walk_over_four_changes_of_windows_is_that_in_one_large_window(ground)
     assert rock and once[0, 1] < 0.0 < once[-1, 1] and once[0, 2] < 12.8 < once[-1, 2]
     np.testing.assert_array_equal(found, once)
     assert tracks is None or (len(tracks) > 500 and same(tracks, found_tracks))
+
+
+@pytest.mark.parametrize('ground', GROUNDS, ids=lambda ground: ground.model)
+def test_the_window_follows_the_rover_by_itself(ground):
+    """Windows that are a hand apart change all the time; the walk does not."""
+    site = CutSite(AT, step_m=0.1, half_m=14.4)     # whole tiles around the rover
+    once, tracks, rock = walk(window((6.4, 19.2), 38.4, AT), ground, {})
+    found, found_tracks, _ = walk(window((-0.3, 12.8), 14.4, AT), ground, {}, site=site)
+    assert rock and len(set(site.entered_m)) >= 3
+    assert set(site.entered_m) <= {*site.ahead_m, site.entered_m[0]}
+    np.testing.assert_array_equal(found, once)
+    assert tracks is None or (len(tracks) > 500 and same(tracks, found_tracks))
+
+
+def test_it_starts_anywhere_on_a_site_and_ends_with_it():
+    site = CutSite((128.3, -64.0), step_m=12.8, half_m=6.4, reach_m=128.0)
+    world = window((0.0, 0.0), 6.4, (128.3, -64.0))
+    with simulate(world, start=StartPose(x_m=128.3, y_m=-64.0), site=site) as simulation:
+        assert simulation.world.ground.middle_m == (128.0, -64.0)
+        z = simulation.state.position_m[2]
+        simulation.move([0.5, 0.2, z + 1.0])
+        assert simulation.world.ground.middle_m == (0.0, 0.0)
+        for wrong in ([140.0, 0.0, 5.0], [60.0, -40.0, -9.0]):
+            before = simulation.state
+            with pytest.raises(PhysicsError, match=r'^position: '):
+                simulation.move(wrong)
+            assert simulation.world.ground.middle_m == (0.0, 0.0) and simulation.state is before
+        simulation.reset()
+        assert simulation.world.ground.middle_m == (128.0, -64.0)
+        simulation.move([134.0, -64.0, z + 2.0], linear_mps=[3.0, 0.0, 0.0])
+        with pytest.raises(GroundLeftError, match=r'x = 134\.\d+ m, y = -64\.\d+ m; the site ends '
+                                                  'at x = -134.4 and 134.4 m, y = -134.4 and 134'):
+            simulation.advance(200)
+    with pytest.raises(ConfigError, match='start.x_m: 134.0 is not valid; valid is -133.4 to 133'):
+        simulate(world, start=StartPose(x_m=134.0), site=site)
+
+
+def test_many_steps_at_once_are_many_times_one():
+    """A call of a minute enters the windows on the way."""
+    site = CutSite(AT, step_m=0.4, half_m=14.4)
+    start = StartPose(x_m=0.0, y_m=0.0, settle_s=0.3)
+    found = []
+    for chunk in (10, 1500):
+        with simulate(window((0.0, 0.0), 14.4, AT), start=start, site=site) as simulation:
+            simulation.command(4 * [3.0])
+            for _ in range(3000 // chunk):
+                state = simulation.advance(chunk)
+            found.append((*state.position_m, *simulation.world.ground.middle_m))
+    assert found[0][3:] != (0.0, 0.0)
+    assert found[0] == found[1]
 
 
 @pytest.mark.parametrize('ground', GROUNDS, ids=lambda ground: ground.model)
@@ -119,7 +169,7 @@ def test_the_borders_of_a_window_far_from_the_middle_of_the_site_hold():
         height = simulation.state.position_m[2]
         assert np.hypot(*(simulation.state.position_m[:2] - at)) < 0.05
         assert height == pytest.approx(world.ground.height_at_point(*at), abs=0.15)
-        with pytest.raises(PhysicsError, match='it ends at 6.40 m around x = 793.6 m, y = -1203'):
+        with pytest.raises(PhysicsError, match='the ground ends at 6.40 m around x = 793.6 m, y = -1203'):
             simulation.move([0.0, 0.0, 5.0])
         simulation.move([799.9, -1203.0, height + 2.0], linear_mps=[3.0, 0.0, 0.0])
         with pytest.raises(GroundLeftError, match=r'x = 800\.\d+ m.* 6.40 m around x = 793.6 m'):
