@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
 
 import numpy as np
@@ -51,3 +52,31 @@ def cut(wide: World, middle_m: tuple[float, float], samples: list[int],
     return dataclasses.replace(
         wide, levels=tuple(grids), albedo=albedo, hash='', craters=kept,
         rocks=Rocks(size_classes_m=rocks.size_classes_m, **chosen))
+
+
+class Windows:
+    """A site of windows that are 12.8 m apart, in a row from west to east."""
+
+    step_m = 12.8
+
+    def __init__(self, windows: Sequence[World]) -> None:
+        self._windows = {world.ground.middle_m: world for world in windows}
+        self.asked: list[tuple[float, float]] = []
+
+    def middle(self, xy_m: Sequence[float],
+               now_m: tuple[float, float] | None = None) -> tuple[float, float]:
+        """Return the middle of the nearest window."""
+        if now_m is not None and max(abs(a - b) for a, b in zip(xy_m, now_m)) < 0.75 * self.step_m:
+            return now_m
+        return min(self._windows, key=lambda m: abs(m[0] - xy_m[0]))
+
+    def window(self, middle_m: tuple[float, float]) -> World:
+        """Return a window."""
+        self.asked.append(middle_m)
+        return self._windows[middle_m]
+
+    def ahead(self, middle_m: tuple[float, float]) -> None:
+        """Do nothing: it is there."""
+
+    def close(self) -> None:
+        """Do nothing."""

@@ -18,7 +18,6 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import RenderError
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.camera.cameras import CameraEntry, Output
-from lunar_rover_sim.image.camera.chase import ChaseMount
 from lunar_rover_sim.image.camera.compression import compressed
 from lunar_rover_sim.image.camera.fisheye import geometry_of
 from lunar_rover_sim.image.camera.mosaic import shown
@@ -128,8 +127,7 @@ class CameraPublisher:
 
     def enter(self, world: World) -> None:
         """Be in another window of the site: the renderer has entered it."""
-        if isinstance(self._mount, ChaseMount):
-            self._mount.enter(world)
+        self._mount.enter(world)
 
     def configure(self, config: RenderNodeConfig) -> None:
         """Use changed live parameters: those of compression, points, exposure and rates."""

@@ -11,8 +11,8 @@ from std_msgs.msg import String
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError, GraphError
+from lunar_rover_sim.ground.world.follower import site_of
 from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.nodes import qos
 
@@ -56,7 +56,7 @@ class WindowListener:
             lockstep: Whether a window is waited for; otherwise the node goes on in the earlier
                 one until it is there.
         """
-        self._site, self._middle_m = Site.of(world), world.ground.middle_m
+        self._site, self._middle_m = site_of(world), world.ground.middle_m
         self._lockstep = lockstep
         self._waiting: list[tuple[int, tuple[float, float]]] = []   # in the order of stamps
         self._pool = ThreadPoolExecutor(1)

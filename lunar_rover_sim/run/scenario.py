@@ -222,12 +222,16 @@ class Scenario:
     def renderer(self, world: World | None = None) -> Renderer:
         """Return the renderer of the cameras, of another world if one is given.
 
+        Each state is drawn in the window of the site that is that of its pose.
+
         Raises:
             RenderError: If there is no OpenGL.
             WorldError: If the world cannot be built or read.
         """
+        from lunar_rover_sim.ground.world.follower import Follower
         from lunar_rover_sim.image.rendering.renderer import Renderer
-        return Renderer(self._world(world), self.rover, self.render_node, self.shared.seed)
+        window = self._world(world)
+        return Renderer(window, self.rover, self.render_node, self.shared.seed, Follower(window))
 
     def matcher(self) -> SgmMatcher:
         """Return the matcher of stereo pairs; its maps know the depth."""
@@ -238,14 +242,18 @@ class Scenario:
     def lidar(self, world: World | None = None) -> Lidar:
         """Return the LiDAR, on another world if one is given.
 
+        Each scan is that of the window of the site in which it begins.
+
         Raises:
             ConfigError: If the rover is before every beam.
             WorldError: If the world cannot be built or read.
         """
+        from lunar_rover_sim.ground.world.follower import Follower
         from lunar_rover_sim.image.lidar.lidar import Lidar
         config = dataclasses.replace(self.lidar_node,
                                      reflectance=self.render_node.reflectance)
-        return Lidar(self._world(world), self.rover, config, self.shared.seed)
+        window = self._world(world)
+        return Lidar(window, self.rover, config, self.shared.seed, Follower(window))
 
     def _world(self, world: World | None) -> World:
         return self.load_world() if world is None else world

@@ -2,13 +2,70 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Protocol
 
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
 
-if TYPE_CHECKING:
-    from lunar_rover_sim.ground.world.site import Site
+
+class Windows(Protocol):
+    """The windows of a site, whose middles are multiples of `step_m` in x and in y.
+
+    Attributes:
+        step_m: Distance between the middles of neighbouring windows [m].
+    """
+
+    step_m: float
+
+    def middle(self, xy_m: Sequence[float],
+               now_m: tuple[float, float] | None = None) -> tuple[float, float]:
+        """Return the middle of the window for a rover at a place.
+
+        Args:
+            now_m: Middle of the window in which it is: it stays there until it is well outside
+                the step around that.
+        """
+
+    def window(self, middle_m: tuple[float, float]) -> World:
+        """Return a window; one that is being made is waited for."""
+
+    def ahead(self, middle_m: tuple[float, float]) -> None:
+        """Begin to make a window in a thread."""
+
+    def close(self) -> None:
+        """End what is being made."""
+
+
+class OneWindow:
+    """A world that was made by hand: its own only window."""
+
+    step_m = 12.8
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def middle(self, xy_m: Sequence[float],
+               now_m: tuple[float, float] | None = None) -> tuple[float, float]:
+        """Return the middle of the world."""
+        return self._world.ground.middle_m
+
+    def window(self, middle_m: tuple[float, float]) -> World:
+        """Return the world."""
+        return self._world
+
+    def ahead(self, middle_m: tuple[float, float]) -> None:
+        """Do nothing: it is there."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+def site_of(world: World) -> Windows:
+    """Return the site that a world is a window of."""
+    return OneWindow(world)
+
 
 # Offsets of the rover from the middle of its window, in steps of the site: from the first on the
 # next window is made ahead; at the second, or a little before, the rover enters it.
@@ -17,29 +74,32 @@ _FAR_M = 1e9
 
 
 class Follower:
-    """Says in which window of a site a rover is, and has the next one made ahead.
+    """Says in which window of a site a rover is, and has the next one made ahead in a thread.
 
     Attributes:
         site: The site.
         world: The present window.
     """
 
-    def __init__(self, world: World, site: Site | None = None) -> None:
+    def __init__(self, world: World, site: Windows | None = None) -> None:
         """Begin in a window.
 
         Args:
-            site: By default the one that the world says it is a window of.
+            site: By default the one that the world is a window of.
         """
         self._given = site
+        self._pool = ThreadPoolExecutor(1)
         self.enter(world)
 
     def enter(self, world: World) -> None:
         """Go on in a window that is chosen by hand."""
-        # Here, because only who makes windows needs what builds them.
-        from lunar_rover_sim.ground.world.site import Site
-        self.site = Site.of(world) if self._given is None else self._given
+        self.site = site_of(world) if self._given is None else self._given
         self.world = world
-        self._coming_m: tuple[float, float] | None = None
+        self._coming: tuple[tuple[float, float], Future[World]] | None = None
+
+    def close(self) -> None:
+        """End the thread."""
+        self._pool.shutdown(cancel_futures=True)
 
     @property
     def bounds_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -76,15 +136,24 @@ class Follower:
             return self.world
         middle = site.middle((x_m, y_m), here)
         if middle != here:
-            self.world, self._coming_m = site.window(middle), None
+            coming, self._coming = self._coming, None
+            self.world = (coming[1].result() if coming is not None and coming[0] == middle
+                          else site.window(middle))
             return self.world
         # Where it changes if the rover goes on, away from the middle.
         ratio = max(_CHANGE * site.step_m / away, 1.0)
-        coming = site.middle((here[0] + ratio * dx, here[1] + ratio * dy), here)
-        if coming not in (here, self._coming_m):
-            self._coming_m = coming
-            site.ahead(coming)
+        ahead = site.middle((here[0] + ratio * dx, here[1] + ratio * dy), here)
+        if ahead != here and (self._coming is None or self._coming[0] != ahead):
+            site.ahead(ahead)
+            self._coming = ahead, self._pool.submit(site.window, ahead)
         return self.world
+
+    @property
+    def next(self) -> World | None:
+        """The window that will probably be the next one, once it is there."""
+        if self._coming is None or not self._coming[1].done() or self._coming[1].exception():
+            return None
+        return self._coming[1].result()
 
 
 def end_of(ground: HeightGrid) -> str:

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from lunar_rover_sim.base.frames import Array, se3
+from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.camera.motion import CameraTwist, ground_twist, leg_twists, twist_beside
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import moved, moved_pose, Posed
@@ -29,6 +30,9 @@ class Mount(CameraPoses, Protocol):
 
     def follow(self, state: Posed, stamp_ns: int) -> None:
         """Move with the rover; stamp_ns: simulated time [ns]."""
+
+    def enter(self, world: World) -> None:
+        """Be in another window of the site from now on."""
 
     def ground_twist(self, state: Posed, side: int) -> CameraTwist:
         """Return the motion of a camera (0 left, 1 right) relative to the world."""
@@ -59,6 +63,9 @@ class BodyMount:
 
     def follow(self, state: Posed, stamp_ns: int = 0) -> None:
         """Do nothing: its cameras are fixed."""
+
+    def enter(self, world: World) -> None:
+        """Do nothing: its cameras know no ground."""
 
     def poses(self, state: Posed) -> list[Array]:
         """Return the (4, 4) poses T_world_camera of both optical frames."""
@@ -97,6 +104,9 @@ class MovingMount:
     def follow(self, state: Posed, stamp_ns: int = 0) -> None:
         """Do nothing: it is where `place` has put it."""
 
+    def enter(self, world: World) -> None:
+        """Do nothing: it knows no ground."""
+
     def poses(self, state: Posed) -> list[Array]:
         """Return the (4, 4) pose T_world_camera, twice."""
         return [self.T_world_camera, self.T_world_camera]
@@ -130,6 +140,10 @@ class MountElsewhere:
     def follow(self, state: Posed, stamp_ns: int = 0) -> None:
         """Move with the rover; stamp_ns: simulated time [ns]."""
         self._mount.follow(self._there(state), stamp_ns)
+
+    def enter(self, world: World) -> None:
+        """Be in another window of the site from now on."""
+        self._mount.enter(world)
 
     def poses(self, state: Posed) -> list[Array]:
         """Return the (4, 4) poses of both optical frames."""

@@ -11,6 +11,7 @@ from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.ground.world.far_rocks import far_rocks
+from lunar_rover_sim.ground.world.follower import Follower
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.lidar.beam_pattern import beam_pattern
 from lunar_rover_sim.image.lidar.config import DROP, LidarConfig
@@ -52,8 +53,12 @@ class Lidar:
     """
 
     def __init__(self, world: World, rover: RoverDescription, config: LidarConfig,
-                 seed: int = 1) -> None:
+                 seed: int = 1, follower: Follower | None = None) -> None:
         """Prepare the ground within reach.
+
+        Args:
+            follower: Makes each scan in the window of the site that it gives for the start;
+                without one the window changes by `enter` alone.
 
         Raises:
             ConfigError: For a mount from which every beam meets the rover's body.
@@ -69,6 +74,7 @@ class Lidar:
         self._pool = ThreadPoolExecutor(1)
         self._coming: tuple[World, Future[_Surroundings]] | None = None
         self._around = self._prepared(world)
+        self._follower = follower
 
     def _prepared(self, given: World) -> _Surroundings:
         """Return the ground within reach of a window."""
@@ -133,6 +139,7 @@ class Lidar:
             motion = ScanMotion.of(motion, 1e-9 * self._config.period_ns, self._legs)
         times = np.append(0.0, self.pattern.column_s)
         R_base, p_base = motion.at(times)
+        self._go_on(*p_base[0, :2].tolist())
         R = R_base @ self.T_base_lidar[:3, :3]
         p = p_base + R_base @ self.T_base_lidar[:3, 3]
         origin, direction = self._rays(R[1:], p[1:])
@@ -158,6 +165,16 @@ class Lidar:
             np.asarray(joint_angle_rad, float), (columns, self._legs))
         return self._cast(origin, direction, np.broadcast_to(T_base[:3, :3], (columns, 3, 3)),
                           angles)
+
+    def _go_on(self, x_m: float, y_m: float) -> None:
+        """Enter the window of a place, and prepare the next one before it is needed."""
+        if self._follower is None:
+            return
+        world = self._follower.at(x_m, y_m)
+        if world is not self.world:
+            self.enter(world)
+        elif (coming := self._follower.next) is not None:
+            self.ahead(coming)
 
     def _rays(self, R: Array, p: Array) -> tuple[Array, Array]:
         """Return (n, 3) origins and directions of all beams from poses of the columns."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.base.errors import RenderError
 from lunar_rover_sim.base.frames import sun_direction
 from lunar_rover_sim.ground.regolith.overlay import Overlay
+from lunar_rover_sim.ground.world.follower import Follower
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.rocks import Rocks
 from lunar_rover_sim.image.camera.config import (FurtherCameraConfig, MiscalibrationConfig,
@@ -49,6 +50,8 @@ class Renderer:
     Args:
         config: Parameters of the drawing.
         seed: Of the noise of the sensors.
+        follower: Draws each state in the window of the site that it gives; without one the window
+            changes by `enter` alone.
 
     Attributes:
         world: The window that is drawn.
@@ -63,12 +66,13 @@ class Renderer:
     """
 
     def __init__(self, world: World, rover: RoverDescription, config: RenderConfig,
-                 seed: int = 0) -> None:
+                 seed: int = 0, follower: Follower | None = None) -> None:
         """Prepare all that does not depend on the state; seed: of noise and relief."""
         self.world, self.config, self.seed = world, config, seed
         self._legs = len(rover.legs.each)
         self.rig = StereoRig(rover, config.camera)
         self.sun_direction = sun_direction(config.sun.azimuth_deg, config.sun.elevation_deg)
+        self._follower = follower
         self._further: list[FurtherCamera] = []
         self._context = create_context()
         self._owned = contextlib.ExitStack()
@@ -128,7 +132,7 @@ class Renderer:
         with self._drawing():
             drawn = CameraRenderer(self._context, self._shared, mount, camera, own, seed)
             self._owned.callback(drawn.release)
-        self._further.append(FurtherCamera(self, drawn, camera))
+        self._further.append(FurtherCamera(self, drawn, camera, mount))
         return self._further[-1]
 
     def set_sun(self, azimuth_deg: float, elevation_deg: float) -> None:
@@ -237,6 +241,18 @@ class Renderer:
                 self._early.append(self._pair.finish())
             self._shared.enter(window, light)
         self.world = world
+        for further in self._further:
+            further.mount.enter(world)
+
+    def _follow(self, state: Posed) -> None:
+        """Enter the window of a state, and prepare the next one before it is needed."""
+        if self._follower is None:
+            return
+        world = self._follower.at(*state.T_world_base[:2, 3].tolist())
+        if world is not self.world:
+            self.enter(world)
+        elif (coming := self._follower.next) is not None:
+            self.ahead(coming)
 
     def _prepared(self, world: World) -> tuple[DrawnWindow, WorldLight]:
         """Return all of a window that needs no GL."""
@@ -303,6 +319,7 @@ class Renderer:
         self._check_open()
         if self._under_way == FRAMES_UNDER_WAY:
             raise RenderError(f'begin: {FRAMES_UNDER_WAY} frames are under way; finish one first')
+        self._follow(checked)
         if request.other is not None:
             request = dataclasses.replace(request, other=self._here(request.other))
         with self._drawing():
@@ -328,6 +345,7 @@ class Renderer:
         checked = checked_state(state, self._legs)
         self._check_open()
         self._check_one_under_way('render')
+        self._follow(checked)
         with self._drawing():
             return camera.draw(self._here(checked), request)
 
@@ -381,6 +399,8 @@ class Renderer:
         if not self._closed:
             self._closed = True
             self._pool.shutdown(cancel_futures=True)
+            if self._follower is not None:
+                self._follower.close()
             with self._context:
                 self._owned.close()
             self._context.release()
@@ -399,11 +419,12 @@ class FurtherCamera:
     Args:
         camera: Its intrinsics.
         drawn: What draws it.
+        mount: What carries it.
     """
 
     def __init__(self, renderer: Renderer, drawn: CameraRenderer,
-                 camera: PinholeCamera | FisheyeCamera) -> None:
-        self._renderer, self.drawn, self.camera = renderer, drawn, camera
+                 camera: PinholeCamera | FisheyeCamera, mount: Mount) -> None:
+        self._renderer, self.drawn, self.camera, self.mount = renderer, drawn, camera, mount
 
     def render(self, state: Posed, frame_index: int = 0,
                layers: Collection[str] = ('left',)) -> StereoFrame:

@@ -7,7 +7,6 @@ import dataclasses
 import logging
 import numbers
 import re
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -19,7 +18,7 @@ from lunar_rover_sim.base.errors import ConfigError, GroundLeftError, one_line, 
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, rotated, tilt_deg
 from lunar_rover_sim.ground.regolith.looseness import soil_map
 from lunar_rover_sim.ground.regolith.overlay import Overlay
-from lunar_rover_sim.ground.world.follower import Follower
+from lunar_rover_sim.ground.world.follower import Follower, Windows
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mjcf import BASE_BODY
@@ -31,9 +30,6 @@ from lunar_rover_sim.rover.physics.placing import check_start, finite, is_on, pl
 from lunar_rover_sim.rover.physics.soft_ground import GroundContact, SoftGround
 from lunar_rover_sim.rover.physics.soil_contact import set_soil
 from lunar_rover_sim.rover.physics.state import RoverState
-
-if TYPE_CHECKING:
-    from lunar_rover_sim.ground.world.site import Site
 
 MAX_SPEED = 100.0  # [m/s] and [rad/s]: nothing on this rover moves faster unless it diverges
 MAX_COMMAND_RADPS = 1e6
@@ -52,7 +48,7 @@ class Simulation(Closing):
     """
 
     def __init__(self, world: World, rover: RoverDescription, config: PhysicsConfig,
-                 site: Site | None = None) -> None:
+                 site: Windows | None = None) -> None:
         """Place the rover at its start, anywhere on the site, and let it settle.
 
         Args:
@@ -120,6 +116,7 @@ class Simulation(Closing):
     def close(self) -> None:
         """Release the model. The simulation cannot be used afterwards."""
         self._model = self._data = None
+        self._follower.close()
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -280,6 +277,7 @@ class Simulation(Closing):
         catch_warnings()
         if (self._follower.site is not self._start_site
                 or self._world.ground.middle_m != self._start_middle_m):
+            self._follower.close()
             self._follower = Follower(self._start_site.window(self._start_middle_m),
                                       self._start_site)
             self._bind(self._follower.world)

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from site_windows import cut
+from site_windows import cut, Windows
 import worlds
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.ground.regolith.overlay import Overlay
+from lunar_rover_sim.ground.world.follower import Follower
 from lunar_rover_sim.image.lidar.config import LidarConfig
 from lunar_rover_sim.image.lidar.lidar import Lidar
 from lunar_rover_sim.image.rendering.snapshot import standing
@@ -88,3 +89,15 @@ def test_beside_the_window(windows, state):
     lidar = Lidar(windows[0], ROVER, QUIET)
     with pytest.raises(ConfigError, match=r'valid is within 25.6 m of \(1280, -985.6\), in x'):
         lidar.scan(moved(state, np.array([30.0, 0.0, 0.0])))
+
+
+def test_the_window_follows_the_sensor(windows, state):
+    """Beyond three quarters of the way to the next middle it scans the next window."""
+    site = Windows(windows)
+    lidar = Lidar(windows[0], ROVER, QUIET, follower=Follower(windows[0], site))
+    for x, there in ((0.0, 0), (3.0, 0), (3.3, 1), (0.0, 1), (-3.3, 0)):
+        scan = lidar.scan(moved(state, np.array([x, 0.0, 0.0])))
+        assert lidar.world is windows[there] and np.isfinite(scan.returns.range_m).any()
+    assert site.asked.count(windows[1].ground.middle_m) == 1     # made ahead, not once more
+    np.testing.assert_array_equal(lidar.scan(state).returns.range_m,
+                                  Lidar(windows[0], ROVER, QUIET).scan(state).returns.range_m)

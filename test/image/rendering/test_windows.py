@@ -9,11 +9,12 @@ import moderngl
 import numpy as np
 import psutil
 import pytest
-from site_windows import cut
+from site_windows import cut, Windows
 import worlds
 
 from lunar_rover_sim.base.errors import RenderError
 from lunar_rover_sim.ground.regolith.overlay import Overlay
+from lunar_rover_sim.ground.world.follower import Follower
 from lunar_rover_sim.image.camera.chase import ChaseConfig, ChaseMount
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.rendering.config import DetailConfig
@@ -196,6 +197,23 @@ def test_a_chase_camera_is_in_the_site(renderer, windows):
         seen.append(camera.render(state, 0, ('depth', 'label')))
     assert (seen[0].label == 2).any()       # it shows the rover
     assert (seen[0].label == seen[1].label).mean() > 0.995
+
+
+def test_the_window_follows_the_pose(renderer, windows):
+    """A renderer that follows enters the next window by itself, with its cameras."""
+    site = Windows(windows)
+    states = [RoverPose(standing(windows[0], 1286.4 + x, -985.6)) for x in (0.0, 3.1, 3.4, 0.0)]
+    chase = ChaseConfig(camera=dataclasses.replace(ChaseConfig().camera, width=160, height=90))
+    mount = ChaseMount(chase, CONFIG.sun.azimuth_deg, windows[0])
+    with Renderer(windows[0], scene.ROVER, CONFIG,
+                  follower=Follower(windows[0], site)) as drawn:
+        drawn.add_camera(chase, mount)
+        for state, there in zip(states, (0, 0, 1, 1)):
+            image = drawn.render(state, 0, ('left',)).left
+            assert drawn.world is windows[there]
+            by_hand = frames(renderer, windows[there], [state], ('left',))[0].left
+            np.testing.assert_array_equal(image, by_hand)
+        assert mount._world is windows[1] and site.asked == [windows[1].ground.middle_m]
 
 
 def test_the_sun_that_moved_meanwhile(renderer, windows):
