@@ -43,7 +43,9 @@ class Simulation(Closing):
     """A rover on a site in MuJoCo; it starts at rest, at time 0.
 
     The window of the site goes on with the rover; `world` is the present one. The motion is bit
-    for bit that in one window large enough for all of it. A command holds until the next one. The same commands give the same states, bit by bit, on one
+    for bit that in one window large enough for all of it.
+
+    A command holds until the next one. The same commands give the same states, bit by bit, on one
     machine. Use the simulation as a context manager, or call `close`.
     """
 
