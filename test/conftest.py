@@ -155,3 +155,16 @@ def domain() -> Iterator[int]:
         yield own.id
         os.environ.clear()
         os.environ.update(before)
+
+
+@pytest.fixture()
+def open_domain() -> Iterator[int]:
+    """Give this process a ROS domain that no run holds: one that a run may join."""
+    pytest.importorskip('rclpy')
+    with OwnDomain() as own:
+        number = own.id
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in {**dds_environment(), 'ROS_DOMAIN_ID': str(number),
+                            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}.items():
+            patch.setenv(name, value)
+        yield number

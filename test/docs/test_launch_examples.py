@@ -17,7 +17,7 @@ KINDS = {topic.name: topic.type.rpartition('/')[2] for topic in topics.CONTRACT}
 # What the topics of other packages carry.
 READ = {'left/image_rect': 'Image', 'left/image_rect_color': 'Image',
         'left/camera_info': 'CameraInfo', 'right/image_rect': 'Image',
-        'right/camera_info': 'CameraInfo', 'imu0': 'Imu'}
+        'right/camera_info': 'CameraInfo', 'odom0': 'Odometry', 'imu0': 'Imu', 'imu1': 'Imu'}
 
 
 def constants(path: Path) -> dict[str, Any]:
@@ -38,7 +38,7 @@ def test_example(path: Path) -> None:
     assert f'`{path.name}`' in (ROOT / 'docs/howto/stacks.md').read_text(encoding='utf-8')
     values = constants(path)
     pairs = [*values.get('PAIR', ()), *values.get('REMAPPINGS', ()),
-             *((key, value) for key, value in values.get('EKF', {}).items() if key == 'imu0')]
+             *((key, value) for key, value in values.get('EKF', {}).items() if key in READ)]
     taken = [(theirs, ours) for theirs, ours in pairs if theirs in READ]
     assert taken or path.name.startswith(('nav2', 'orb_slam3'))
     for theirs, ours in taken:

@@ -41,7 +41,7 @@ from lunar_rover_sim.nodes.message_types import message_class  # noqa: E402
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery  # noqa: E402
 from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
 from lunar_rover_sim.run.plan import prepare, resolve  # noqa: E402
-from lunar_rover_sim.run.ros_domain import check_domain, dds_environment, OwnDomain  # noqa: E402
+from lunar_rover_sim.run.ros_domain import check_domain  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 from lunar_rover_sim.run.transforms import tf_message  # noqa: E402
 
@@ -156,21 +156,16 @@ def test_a_domain_in_use_is_refused(peer: Peer, domain: int) -> None:
 
 @pytest.mark.parametrize('in_shell', [False, True])
 def test_a_run_joins_a_graph_that_publishes_tf(tmp_path: Path, in_shell: bool,
-                                               monkeypatch: pytest.MonkeyPatch) -> None:
+                                               open_domain: int) -> None:
     """A stack that was started first goes on with its frames, some at wall time or late.
 
     Without --join the run says how to; topics of which there can be one are refused all the same.
     """
-    with OwnDomain() as own:
-        domain = str(own.id)
-    for name, value in {**dds_environment(), 'ROS_DOMAIN_ID': domain,
-                        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}.items():
-        monkeypatch.setenv(name, value)
     peer = Peer()
     try:
         tf = peer.node.create_publisher(message_class(topics.TF.type), 'tf', 10)
         clock = peer.listen(Clock, 'clock')
-        named = [] if in_shell else ['--domain', domain]
+        named = [] if in_shell else ['--domain', str(open_domain)]
         settings = (*SMALL, *PLAIN, *TINY)
         arguments = command('run', 'baseline', '--duration', '0.5', *named, *(
             word for setting in settings for word in ('--set', setting)))

@@ -1,0 +1,174 @@
+"""Beside other stacks, wherever they are installed: our graph and bags with others' programs.
+
+    python -m pytest -m stacks -rs
+
+Each test is skipped by the name of the package that it lacks. None of them is on PyPI: source
+apt's Jazzy or a workspace first.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+from typing import Any
+
+from conftest import BLIND, command, PLAIN, SMALL
+import numpy as np
+import pytest
+from waiting import LIMIT_S
+
+pytestmark = [pytest.mark.ros, pytest.mark.stacks]
+pytest.importorskip('rclpy')
+
+from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
+from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate  # noqa: E402
+
+EXAMPLES = Path(__file__).parents[2] / 'config/launch_examples'
+
+
+def needs(*packages: str) -> None:
+    """Skip a test unless all packages are installed; name the one that is not."""
+    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(':')
+    for package in packages:
+        if not any(Path(prefix, 'share', package, 'package.xml').is_file()
+                   for prefix in prefixes if prefix):
+            pytest.skip(f'the ROS package {package} is not installed')
+
+
+@contextmanager
+def beside(*words: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a program of others in the domain of the test, and end it as Ctrl-C does."""
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                               start_new_session=True)
+    try:
+        yield process
+        assert process.poll() is None, process.communicate()[0]
+    finally:
+        os.killpg(process.pid, signal.SIGINT)
+        try:
+            process.communicate(timeout=30)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+
+
+def drive(folder: Path, *arguments: str) -> Path:
+    """Record a small drive in the graph of the test; return its bag."""
+    words = [word for setting in SMALL for word in ('--set', setting)]
+    done = subprocess.run(command('run', 'baseline', '-o', str(folder), '--join', *words,
+                                  *arguments), capture_output=True, text=True, timeout=LIMIT_S)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder / 'bag'
+
+
+def test_robot_localization_is_nearer_to_the_truth_than_the_wheels(tmp_path: Path,
+                                                                   open_domain: int) -> None:
+    """Its ATE is below half of theirs, since it turns with the gyroscope; its covariances hold.
+
+    The drive is a minute with a turn by 200 degrees; the wheels lose 12 of them.
+    """
+    needs('robot_localization', 'ros2launch')
+    with beside('ros2', 'launch', str(EXAMPLES / 'robot_localization.launch.py')):
+        bag = drive(tmp_path / 'run', '--duration', '60', *BLIND, '--real-time',
+                    '--set', 'separate_truth=true',
+                    '--set', 'recorder_node.topics=[all,wheel/odometry,star_tracker/attitude]')
+    wheels, filtered = (evaluate(str(bag), f'{bag}:{topic}')
+                        for topic in ('/wheel/odometry', '/odometry/filtered'))
+    assert filtered.tracked_share > 0.9
+    assert filtered.ate_m.rmse < 0.5 * wheels.ate_m.rmse
+    with open_bag(bag) as recorded:
+        covariances = [m.pose.covariance for _, _, m in recorded.messages(['/odometry/filtered'])]
+        children = {(t.header.frame_id, t.child_frame_id)
+                    for _, _, m in recorded.messages(['/tf']) for t in m.transforms}
+    assert np.isfinite(covariances).all()
+    assert {('odom', 'base_link'), ('ground_truth/odom', 'ground_truth/base_link')} <= children
+
+
+def test_stereo_image_proc_agrees_with_our_disparities(tmp_path: Path, open_domain: int) -> None:
+    """On the topics as they are by default: pairs of the same stamps, f and T, half a pixel."""
+    needs('stereo_image_proc', 'ros2launch')
+    with beside('ros2', 'launch', str(EXAMPLES / 'stereo_image_proc.launch.py')):
+        bag = drive(tmp_path / 'run', '--duration', '5', '--real-time')
+    with open_bag(bag) as recorded:
+        theirs, ours = ({(m.header.stamp.sec, m.header.stamp.nanosec): m
+                         for _, _, m in recorded.messages([topic])}
+                        for topic in ('/stereo_image_proc/disparity', '/stereo/disparity'))
+    both = sorted(theirs.keys() & ours.keys())
+    assert len(both) >= 10
+    for stamp in both:
+        a, b = theirs[stamp], ours[stamp]
+        assert (a.f, a.t) == pytest.approx((b.f, b.t))
+        assert a.header.frame_id == b.header.frame_id
+        p, q = (np.frombuffer(m.image.data, np.float32).reshape(m.image.height, -1)
+                for m in (a, b))
+        known = (p > a.min_disparity) & (q > b.min_disparity)
+        assert known.mean() > 0.3
+        assert abs(np.median(p[known] - q[known])) < 0.5
+
+
+def test_rosbag2_knows_our_bags(request: pytest.FixtureRequest, peer: Any) -> None:
+    """`ros2 bag info` counts as we do, `ros2 bag play` gives every message to a peer of ROS."""
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import Imu
+
+    needs('ros2bag', 'rosbag2_storage_mcap')
+    recorded_run: Path = request.getfixturevalue('recorded_run')
+    info = subprocess.run(['ros2', 'bag', 'info', str(recorded_run / 'bag')],
+                          capture_output=True, text=True, timeout=LIMIT_S)
+    assert info.returncode == 0, info.stderr
+    counted = {topic: int(count) for topic, count in re.findall(
+        r'Topic: (\S+) \| Type: \S+ \| Count: (\d+)', info.stdout)}
+    with open_bag(recorded_run / 'bag') as bag:
+        counts = {topic: count for topic, count in bag.counts.items() if count}
+    assert {topic: count for topic, count in counted.items() if count} == counts
+    samples, clock = peer.listen(Imu, 'imu/data_raw', 1000), peer.listen(Clock, 'clock', 1000)
+    with beside('ros2', 'bag', 'play', str(recorded_run / 'bag'), '--rate', '0.2',
+                '--delay', '2', '--loop'):
+        peer.spin_until(lambda: len(samples) >= counts['/imu/data_raw']
+                        and len(clock) >= counts['/clock'])
+
+
+@pytest.mark.parametrize('options', [(), ('--max-bag-size', '300000'),
+                                     ('--compression-mode', 'file',
+                                      '--compression-format', 'zstd')],
+                         ids=['plain', 'split', 'compressed'])
+def test_rosbag2_records_our_graph(options: tuple[str, ...], tmp_path: Path,
+                                   open_domain: int) -> None:
+    """What `ros2 bag record` leaves, our reader reads: each state once."""
+    needs('ros2bag', 'rosbag2_storage_mcap')
+    with beside('ros2', 'bag', 'record', '--all', '--use-sim-time', '--storage', 'mcap',
+                '-o', str(tmp_path / 'theirs'), *options):
+        drive(tmp_path / 'run', '--duration', '2', *BLIND)
+    with open_bag(tmp_path / 'theirs') as bag:
+        stamps = [(m.header.stamp.sec, m.header.stamp.nanosec)
+                  for _, _, m in bag.messages(['/imu/data_raw'])]
+    assert stamps == sorted(set(stamps))
+    assert len(stamps) > 390
+    if '--max-bag-size' in options:
+        assert len(list((tmp_path / 'theirs').glob('*.mcap'))) > 1
+
+
+def test_tf2_finds_all_frames(tmp_path: Path, open_domain: int) -> None:
+    """A listener of tf2 looks up the way from the world to the right camera, at a stamp."""
+    needs('tf2_ros', 'ros2run')
+    with beside('ros2', 'run', 'tf2_ros', 'tf2_echo', 'odom',
+                'stereo_right_optical_frame') as echo:
+        drive(tmp_path / 'run', '--duration', '3', '--real-time', *BLIND, *(
+            word for setting in PLAIN for word in ('--set', setting)))
+        assert echo.stdout is not None
+        os.set_blocking(echo.stdout.fileno(), False)
+        text = echo.stdout.read()
+    places = re.findall(r'Translation: \[(\S+), (\S+), (\S+)\]', text)
+    assert places, text
+    with open_bag(tmp_path / 'run' / 'bag') as bag:
+        heights = [m.pose.pose.position.z for _, _, m in bag.messages(['/odom'])]
+    assert min(heights) - 0.2 < float(places[-1][2]) < max(heights) + 0.5
+
+
+def test_every_program_is_named_that_is_missing() -> None:
+    """A test of a package that is not there is skipped with its name."""
+    with pytest.raises(pytest.skip.Exception, match='the ROS package no_such_package is not'):
+        needs('no_such_package')
