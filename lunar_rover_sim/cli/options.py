@@ -332,15 +332,46 @@ def bounded(name: str, low: float, high: float = math.inf, *, help: str, metavar
                         help=help + (f' [{unit}]' if unit else ''), **kwargs)
 
 
-def place(text: str) -> tuple[float, float]:
-    """Return the place that `X,Y` names [m]; raise ConfigError for anything else."""
+def at_place(help: str) -> Decorator:
+    """Return the option --at X,Y."""
+    def parse(context: click.Context, param: click.Parameter, value: str | None) -> Any:
+        return None if value is None else place(value, '--at')
+
+    return click.option('--at', metavar='X,Y', callback=parse, help=help + ' [m]')
+
+
+def place(text: str, name: str = '') -> tuple[float, float]:
+    """Return the place that `X,Y` names [m]; raise ConfigError for anything else.
+
+    Args:
+        name: Of the option.
+    """
     try:
         x, y = (float(part) for part in text.split(','))
     except ValueError:
         x = y = math.nan
     if not (math.isfinite(x) and math.isfinite(y)):
-        raise ConfigError(f'{text}: is no place; valid is X,Y [m], for example 8,3')
+        raise ConfigError(f'{name + " " if name else ""}{text}: is no place; valid is X,Y [m], for example 8,3')
     return x, y
+
+
+def window_of(folder: Path, at: tuple[float, float] | None) -> Any:
+    """Return the world of a folder, or the window of its site around a place, in its own frame.
+
+    Raises:
+        ConfigError: The place is not on the site.
+        WorldError: The folder holds no world, or the window cannot be made.
+    """
+    # Here, because most commands need no world.
+    from lunar_rover_sim.ground.world.follower import Follower
+    from lunar_rover_sim.ground.world.world_folder import load_world
+    world = load_world(folder)
+    if at is not None:
+        follower = Follower(world)
+        if not follower.holds(*at):
+            raise ConfigError(f'--at: {at[0]:g},{at[1]:g} is not valid; {follower.end}')
+        world = follower.site.window(follower.site.middle(at))
+    return world.local()
 
 
 def number(name: str, low: float, high: float = math.inf, unit: str = '', above: bool = False,

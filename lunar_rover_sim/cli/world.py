@@ -17,7 +17,7 @@ from lunar_rover_sim.cli.terminal import print_json, print_table, Progress, say
 from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.map_sheet import write as write_sheet
 from lunar_rover_sim.ground.world.shade import horizon_deg, rms_slope_deg
-from lunar_rover_sim.ground.world.world_folder import load_world, save_world
+from lunar_rover_sim.ground.world.world_folder import save_world
 from lunar_rover_sim.image.rendering.snapshot import four_views
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -91,15 +91,18 @@ def _settings(dem: str | None, mesh: str | None, window: tuple[float, float] | N
 
 @options.command()
 @options.argument('folder', 'world folder', type=options.PATH, metavar='FOLDER')
+@options.at_place('look into the window of the site around this place')
 @options.as_json
-def info(folder: Path, as_json: bool) -> int:
+def info(folder: Path, at: tuple[float, float] | None, as_json: bool) -> int:
     """Print what a world folder holds; check its hash."""
-    found = _info(folder)
+    found = _info(folder, at)
     if as_json:
         print_json(found)
         return 0
     rows = [('source', f'{found["source"]} {found["path"]}'.strip()), ('seed', str(found['seed'])),
             ('hash', f'{found["hash"]} (checked)')]
+    if at is not None:
+        rows.append(('middle', '(%g, %g) m in the site' % tuple(found['middle_m'])))
     for index, level in enumerate(found['levels']):
         low, high = level['height_m']
         rows.append(('ground' if index == 0 else f'level {index}',
@@ -108,7 +111,7 @@ def info(folder: Path, as_json: bool) -> int:
     rows.append(('RMS slope', ', '.join(f'{slope:.1f}° at {baseline} m' for baseline, slope
                                         in found['rms_slope_deg'].items())))
     low, high = found['horizon_deg']
-    rows.append(('horizon', f'{low:.1f}° to {high:.1f}° from 0.3 m above the origin'))
+    rows.append(('horizon', f'{low:.1f}° to {high:.1f}° from 0.3 m above the middle'))
     craters, rocks = found['craters'], found['rocks']
     rows.append(('craters', f'{craters["on_ground"]} on the ground, {craters["all"]} in all'))
     if rocks['all']:
@@ -125,14 +128,15 @@ def info(folder: Path, as_json: bool) -> int:
     return 0
 
 
-def _info(folder: Path) -> dict[str, Any]:
-    """Return what a world folder holds, as plain values."""
-    world = load_world(folder)
+def _info(folder: Path, at: tuple[float, float] | None) -> dict[str, Any]:
+    """Return what a world folder holds, or a window of its site, as plain values."""
+    world = options.window_of(folder, at)
     config, ground, diameter = world.config, world.ground, world.rocks.diameter_m
     line = horizon_deg(world, np.arange(0.0, 360.0, 2.0))
     inside = np.abs(world.craters.position_m).max(axis=1, initial=0.0) <= ground.half_extent_m
     return {
         'source': config.source, 'path': str(config.path), 'seed': config.seed, 'hash': world.hash,
+        'middle_m': list(world.origin_m),
         'levels': [{'side_m': 2 * level.half_extent_m, 'cell_m': level.cell_m,
                     'height_m': [float(level.heights_m.min()), float(level.heights_m.max())]}
                    for level in world.levels],
@@ -152,15 +156,16 @@ def _info(folder: Path) -> dict[str, Any]:
 @options.argument('folder', 'world folder', type=options.PATH, metavar='FOLDER')
 @options.output(check_png, 'FILE', 'PNG to write (default: FOLDER.png)', required=False)
 @options.sun(default=(60.0, 6.0))
+@options.at_place('draw the window of the site around this place')
 @click.option('--no-views', is_flag=True, help='leave the camera views out; they need EGL')
 @options.overwrite()
-def preview(folder: Path, output: Path | None, sun: tuple[float, float], no_views: bool,
-            overwrite: bool) -> int:
+def preview(folder: Path, output: Path | None, sun: tuple[float, float],
+            at: tuple[float, float] | None, no_views: bool, overwrite: bool) -> int:
     """Draw maps, statistics and camera views as a PNG."""
     azimuth, elevation = options.checked_sun(sun)
     output = output or folder.resolve().with_suffix('.png')
     options.refuse_existing(output, overwrite)
-    world = load_world(folder)
+    world = options.window_of(folder, at)
     views: list = []
     if not no_views:
         views = four_views(world, azimuth, elevation)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+import re
 
 import click
 from click.core import ParameterSource
@@ -16,6 +17,7 @@ from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.ground.regolith.patch import changed_patch, save_patch
 from lunar_rover_sim.ground.world.export import write as write_mesh
+from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.orbital import (HEIGHTS, OrbitalErrors, PHOTO, SUFFIXES,
                                                   write_features, write_map)
 from lunar_rover_sim.ground.world.orbital_making import orbital_map
@@ -26,6 +28,7 @@ from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.run.scenario import Scenario
 
+_PLACE = re.compile(r'[-+.\deE]+,[-+.\deE]+')
 _ORBITAL = 'orbital.'
 _OF_ORBITAL = ('folder', 'output', 'overwrite', 'orbital', 'overrides', 'sun')
 
@@ -47,8 +50,8 @@ _OF_ORBITAL = ('folder', 'output', 'overwrite', 'orbital', 'overrides', 'sun')
               'keep every N-th sample of the ground (default: 513 along a side)')
 @click.option('--no-rocks', is_flag=True, help='mesh file: leave the rocks out')
 @click.option('--surroundings', is_flag=True, help='mesh file: add the coarse levels')
-@click.option('--at', type=options.PATH, metavar='BAG', help='mesh file: with the tracks that a '
-              'recording left on soft ground')
+@click.option('--at', metavar='X,Y|BAG', help='the window of the site around a place [m]; or, of '
+              'a recording, the one in which the rover was, with its tracks in a mesh file')
 @click.option('--time', type=float, metavar='S', help='mesh file: simulated time of these tracks '
               '[s] (default: the end)')
 @options.bounded('--resolution', 0.001, unit='m', default=1.0, metavar='M',
@@ -70,7 +73,7 @@ _OF_ORBITAL = ('folder', 'output', 'overwrite', 'orbital', 'overrides', 'sun')
               help='stage: leave the coarse levels and distant rocks out')
 def export(folder: Path | None, output: Path, overwrite: bool, orbital: bool,
            overrides: list[str], stride: int, no_rocks: bool, surroundings: bool,
-           at: Path | None, time: float | None, resolution: float, photo: bool,
+           at: str | None, time: float | None, resolution: float, photo: bool,
            height_error: float, shift_error: float, noise: float, error_seed: int,
            scenario: str | None, sun: tuple[float, float] | None, name: str | None,
            no_surroundings: bool) -> int:
@@ -89,11 +92,17 @@ def export(folder: Path | None, output: Path, overwrite: bool, orbital: bool,
     if overrides:
         raise ConfigError('--set: is for --orbital, which is not given')
     check_file(output)
+    bag = place = None
+    if at is not None and _PLACE.fullmatch(at):
+        place = options.place(at, '--at')
+    elif at is not None:
+        bag = Path(at)
     if output.suffix.lower() in SUFFIXES:
-        if folder is None or at is not None:
-            raise ConfigError(f'export: {output.name} needs the folder of a world, without --at')
+        if folder is None or bag is not None:
+            raise ConfigError(f'export: {output.name} needs the folder of a world, without --at '
+                              'BAG')
         options.refuse_existing(output, overwrite)
-        _export_map(folder, output, resolution, photo, sun,
+        _export_map(options.window_of(folder, place), output, resolution, photo, sun,
                     OrbitalErrors(height_error, shift_error, noise, error_seed))
         return 0
     of_stage = {'--scenario': scenario, '--sun': sun, '--name': name,
@@ -104,27 +113,28 @@ def export(folder: Path | None, output: Path, overwrite: bool, orbital: bool,
         if value:
             kind = 'mesh files' if foreign is of_mesh else 'stages'
             raise ConfigError(f'{option}: is for {kind}, and {output} is none')
-    if at is not None and is_stage(output):
-        raise ConfigError(f'--at: is for mesh files and .npz, and {output} is none')
-    if at is None and (folder is None or time is not None or output.suffix.lower() == '.npz'):
+    if bag is not None and is_stage(output):
+        raise ConfigError(f'--at BAG: is for mesh files and .npz, and {output} is none')
+    if bag is None and (folder is None or time is not None or output.suffix.lower() == '.npz'):
         raise ConfigError('export: give the folder of a world, or --at BAG; --time and .npz need '
                           '--at')
     if folder is not None and is_stage(output):
-        _export_stage(folder, output, scenario, sun, name, not no_surroundings, overwrite)
+        _export_stage(options.window_of(folder, place), output, scenario, sun, name, not no_surroundings, overwrite)
     else:
         options.refuse_existing(output, overwrite)
         patch = None
-        if at is not None:
-            with open_bag(at) as bag:
-                world, overlay = RecordedRun(bag).ground(time, folder)
+        if bag is not None:
+            with open_bag(bag) as opened:
+                world, overlay = RecordedRun(opened).ground(time, folder)
             patch = changed_patch(world.ground, overlay)
         else:
             assert folder is not None
-            world = load_world(folder)
+            world = options.window_of(folder, place)
         if patch is not None and output.suffix.lower() == '.npz':
             save_patch(patch, output)
         else:
-            write_mesh(world, output, stride, not no_rocks, surroundings, patch)
+            write_mesh(world.local(), output, stride, not no_rocks, surroundings,
+                       None if patch is None else patch.around(world.ground.middle_m))
     say(f'{output}: {stage_bytes(output) / 1e6:.1f} MB')
     return 0
 
@@ -162,10 +172,9 @@ def _export_orbital(folder: Path, output: Path, overrides: list[str],
         f'{made.pixel_m:g} m{photo}, {len(made.craters)} craters')
 
 
-def _export_map(folder: Path, output: Path, resolution_m: float, photo: bool,
+def _export_map(world: World, output: Path, resolution_m: float, photo: bool,
                 sun: tuple[float, float] | None, errors: OrbitalErrors) -> None:
     """Write heights, a photo, or rocks and craters."""
-    world = load_world(folder)
     if output.suffix.lower() == '.geojson':
         say(f'{output}: {write_features(world, output)} rocks and craters')
         return
@@ -174,7 +183,7 @@ def _export_map(folder: Path, output: Path, resolution_m: float, photo: bool,
     say(f'{output}: {output.stat().st_size / 1e6:.2f} MB')
 
 
-def _export_stage(folder: Path, output: Path, scenario: str | None,
+def _export_stage(world: World, output: Path, scenario: str | None,
                   sun: tuple[float, float] | None, name: str | None, surroundings: bool,
                   overwrite: bool) -> None:
     # Here, because OpenUSD is an optional dependency.
@@ -191,5 +200,5 @@ def _export_stage(folder: Path, output: Path, scenario: str | None,
         settings = dataclasses.replace(settings, sun=dataclasses.replace(
             settings.sun, azimuth_deg=azimuth, elevation_deg=elevation))
     with Progress('writing the stage'):
-        write_world(load_world(folder), output, settings, name=prim, surroundings=surroundings,
+        write_world(world, output, settings, name=prim, surroundings=surroundings,
                     overwrite=overwrite)

@@ -118,6 +118,7 @@ class MapPages:
             drivers: Returns who drives, so that the page must not.
         """
         self._facts: dict[str, Any] = {}
+        self._world: World | None = None
         self._picture: bytes | None = None
         self.extra: Extra = {
             '/live.json': lambda: json.dumps({**self._facts, 'drivers': list(drivers())}).encode(),
@@ -127,6 +128,9 @@ class MapPages:
 
     def show(self, world: World) -> None:
         """Show another window of the site from now on."""
+        if world is self._world:
+            return
+        self._world = world
         self._picture = png_bytes(world.relief_picture(_MAP_PX))
         self._facts = _facts_of(world)
 

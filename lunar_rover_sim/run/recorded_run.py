@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 import dataclasses
 import functools
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from lunar_rover_sim.bag.ground_points import ground_at
-from lunar_rover_sim.bag.messages import transform_matrix
+from lunar_rover_sim.bag.messages import header_ns, transform_matrix
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedScenario
 from lunar_rover_sim.base import topics
@@ -22,6 +22,7 @@ from lunar_rover_sim.base.parameters import merge
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.ground.world.cache import cache_folder
+from lunar_rover_sim.ground.world.follower import site_of
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.rover.description import RoverDescription
@@ -62,6 +63,42 @@ class RecordedNodes:
                    PhysicsNodeConfig.from_mapping(node('physics_node'), 'physics_node'),
                    RenderNodeConfig.from_mapping(node('render_node'), 'render_node'),
                    MappingNodeConfig.from_mapping(node('mapping_node'), 'mapping_node'))
+
+
+class DrivenSite:
+    """The site of a drive, in the windows in which the rover was.
+
+    Attributes:
+        world: The window that the scenario names.
+        windows: Stamps [ns] from which windows hold, and their middles [m].
+    """
+
+    def __init__(self, world: World, windows: Sequence[tuple[int, tuple[float, float]]]) -> None:
+        self.world, self.windows = world, windows
+        self._site, self._last = site_of(world), world
+
+    def at(self, time_ns: int | None = None) -> World:
+        """Return the window in which the rover was at a time, None: at the end.
+
+        Raises:
+            WorldError: If it is neither kept nor can be built.
+        """
+        middle = self.world.ground.middle_m
+        for since_ns, told in self.windows:
+            if time_ns is None or since_ns <= time_ns or since_ns == self.windows[0][0]:
+                middle = told
+        for known in (self._last, self.world):
+            if known.ground.middle_m == middle:
+                return known
+        self._last = self._site.window(middle)
+        return self._last
+
+    @property
+    def reach_m(self) -> float:
+        """Greatest |x| and |y| of the fine ground of its windows [m]."""
+        half = self.world.ground.half_extent_m
+        return half + max(max(map(abs, middle)) for middle in (
+            self.world.ground.middle_m, *(middle for _, middle in self.windows)))
 
 
 class RecordedRun:
@@ -166,6 +203,27 @@ class RecordedRun:
         found = self._found_world(folder)
         return None if found is None else found[1]
 
+    @functools.cached_property
+    def windows(self) -> tuple[tuple[int, tuple[float, float]], ...]:
+        """Stamps [ns] from which windows of the site hold, and their middles [m]."""
+        if not self._bag.has(topics.WORLD_WINDOW.name):
+            return ()
+        return tuple((header_ns(message), (message.point.x, message.point.y))
+                     for _, _, message in self._bag.messages([topics.WORLD_WINDOW.name]))
+
+    def driven(self, folder: Path | str | None = None) -> DrivenSite | None:
+        """Return the site that was driven on, by the world that `world` finds; None without."""
+        world = self.world(folder)
+        return None if world is None else DrivenSite(world, self.windows)
+
+    def world_at(self, time_s: float | None, folder: Path | str | None = None) -> World | None:
+        """Return the window in which the rover was at a time [s], None: at the end.
+
+        Arguments, errors and what is returned are otherwise those of `world`.
+        """
+        driven = self.driven(folder)
+        return None if driven is None else driven.at(_ns(time_s))
+
     def world_folder(self, folder: Path | str | None = None) -> Path:
         """Return the folder of `world`; WorldError where there is none."""
         found = self._found_world(folder)
@@ -201,7 +259,7 @@ class RecordedRun:
 
     def ground(self, time_s: float | None = None,
                folder: Path | str | None = None) -> tuple[World, Overlay]:
-        """Return the untouched world and the changes of its ground.
+        """Return the untouched window in which the rover was, and the changes of the ground.
 
         Args:
             time_s: Simulated time [s]; None: the end.
@@ -211,9 +269,13 @@ class RecordedRun:
             WorldError: The world is not found, or `folder` holds another one.
             BagError: As `ground_at`.
         """
-        world = load_world(self.world_folder(folder))
-        time_ns = None if time_s is None else round(time_s * NS_PER_S)
-        return world, ground_at(self._bag, time_ns, world.ground.half_extent_m)
+        driven = DrivenSite(load_world(self.world_folder(folder)), self.windows)
+        time_ns = _ns(time_s)
+        return driven.at(time_ns), ground_at(self._bag, time_ns, driven.reach_m)
+
+
+def _ns(time_s: float | None) -> int | None:
+    return None if time_s is None else round(time_s * NS_PER_S)
 
 
 def check_frame(name: str) -> None:

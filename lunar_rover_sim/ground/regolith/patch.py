@@ -33,21 +33,28 @@ class GroundPatch(FinePart):
     change_m: NDArray[np.float64]
     compaction_m: NDArray[np.float64]
 
+    def around(self, middle_m: tuple[float, float]) -> GroundPatch:
+        """Return it in a frame whose origin is a place."""
+        return dataclasses.replace(self, x_m=self.x_m - middle_m[0], y_m=self.y_m - middle_m[1])
+
 
 def changed_patch(ground: HeightGrid, overlay: Overlay) -> GroundPatch:
     """Return the patch of an overlay on its untouched ground.
 
-    It is on samples of 5 mm, on coarser ones only beyond 6 million of them.
+    It is on samples of 5 mm, on coarser ones only beyond 6 million of them, and ends with the
+    ground.
 
     Raises:
-        WorldError: Where nothing was changed.
+        WorldError: Where nothing was changed there.
     """
     changed = overlay.snapshot().index
+    changed = changed[ground.contains(changed * CELL_M)]
     if not len(changed):
         raise WorldError('the ground is untouched at that time: there is no changed part')
     low, high = changed.min(axis=0) - _MARGIN, changed.max(axis=0) + _MARGIN + 1
-    last = math.floor(ground.half_extent_m / CELL_M)
-    low, high = np.maximum(low, -last), np.minimum(high, last + 1)
+    middle, half = np.array(ground.middle_m), ground.half_extent_m
+    low = np.maximum(low, np.ceil((middle - half) / CELL_M - 1e-6).astype(int))
+    high = np.minimum(high, np.floor((middle + half) / CELL_M + 1e-6).astype(int) + 1)
     nx, ny = (high - low).tolist()
     stride = math.ceil(math.sqrt(max(nx * ny / _MOST_SAMPLES, 1.0)))
     change, compaction = (values[::stride, ::stride]

@@ -126,23 +126,23 @@ def site_in_world(world: World, lon_deg: float, lat_deg: float) -> MoonPlace | N
 
 
 def projected_origin(world: World) -> tuple[CRS | None, tuple[float, float]]:
-    """Return the CRS of the elevation model of a world, and its origin in it [m].
+    """Return the CRS of the elevation model of a world, and the place of its (0, 0) in it [m].
 
-    None and (0, 0) for a world whose report names none, as a generated one.
+    None and the place in the site for a world whose report names none, as a generated one.
 
     Raises:
         WorldError: If the report names a CRS that is none.
     """
     origin = reported_site(world.report)
     if origin is None or not world.report.get('crs'):
-        return None, (0.0, 0.0)
+        return None, world.origin_m
     with rasterio.Env(), stderr_to_log(logger):
         crs = _reported_crs(world)
         middle = transformed(lon_lat_crs(crs), crs, origin.lon_deg, origin.lat_deg)
         if middle is None:
             raise WorldError(f'report: longitude {origin.lon_deg:g}, latitude {origin.lat_deg:g} '
                              'is not in its CRS')
-        return crs, middle
+        return crs, (middle[0] + world.origin_m[0], middle[1] + world.origin_m[1])
 
 
 def _reported_crs(world: World) -> CRS:

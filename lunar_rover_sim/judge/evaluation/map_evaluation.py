@@ -166,16 +166,23 @@ def evaluate_maps(path: Path, world: Path | None = None, most: int = 40,
             raise EvaluationError(f'{path}: holds no {topics.ELEVATION.name} and '
                                   f'{topics.TRAVERSABILITY.name}; mapping_node publishes them')
         run = RecordedRun(bag)
-        found = run.world(world)
+        found = run.driven(world)
         if found is None:
             raise EvaluationError(f'{path}: its world is not found; name its folder with --world')
         nodes = run.nodes
         limits = Limits.of(nodes.rover, nodes.mapping.limits)
-        surface = TrueSurface(found)
+        world = found.world
+        surface = TrueSurface(world)
         odometry = series.read_odometry(bag)
         stamps = [message.time_ns for message in bag.raw([topics.ELEVATION.name])]
-        parts = [cells for stamp in series.spread(stamps, most)
-                 if (cells := _judged(bag, stamp, odometry, surface, limits.step_m)) is not None]
+        parts = []
+        for stamp in series.spread(stamps, most):
+            if found.at(stamp) is not world:
+                world = found.at(stamp)
+                surface = TrueSurface(world)
+            cells = _judged(bag, stamp, odometry, surface, limits.step_m)
+            if cells is not None:
+                parts.append(cells)
     if not parts:
         raise EvaluationError(f'{path}: no map holds a known cell')
     every = _Cells(*(np.concatenate(values) for values in zip(*parts)))

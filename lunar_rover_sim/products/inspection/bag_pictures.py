@@ -78,6 +78,7 @@ Save = Callable[[Figure, str], None]
 _OF_HAZARD = (topics.HAZARD_IMAGE, topics.HAZARD_DEPTH, topics.HAZARD_LABELS,
               topics.HAZARD_CRATERS)
 _CHASE_FRAMES = 4
+_MOST_WINDOWS = 16      # of a site, whose fine ground a map shows
 _NEAR_SHARE = 95.0      # the map of a scan extends to this percentile of the distances
 _CLOUDS = topics.LIDAR_POINTS, topics.LIDAR_DESKEWED
 
@@ -327,13 +328,15 @@ def _trajectory(bag: Bag, odometry: series.Odometry, world: Path | str | None,
 
 def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
                    folder: Path | str | None = None) -> None:
-    """Draw the hillshade of the world of a bag, lit from its sun's azimuth, where it is found.
+    """Draw the hillshade of the site of a bag, lit from its sun's azimuth, where it is found.
+
+    It is that of the windows in which the rover was; of many, of some of them.
 
     Raises:
         WorldError: Where `folder` is given and holds another world.
     """
-    world = RecordedRun(bag).world(folder)
-    if world is None:
+    driven = RecordedRun(bag).driven(folder)
+    if driven is None:
         return
     azimuth = 135.0
     if bag.has(topics.SUN.name):
@@ -341,7 +344,21 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
         azimuth = float(np.degrees(np.arctan2(sun.y, sun.x)))
     side = np.linspace(-half_m, half_m, 600)
     x, y = np.meshgrid(centre_m[0] + side, centre_m[1] + side)
-    height = world.height_at(np.stack([x, y], axis=-1))
+    places = np.stack([x, y], axis=-1)
+    height, distant = np.full(x.shape, np.nan), np.full(x.shape, np.nan)
+    rocks: dict[int, tuple[float, float, float]] = {}      # by key: x, y, diameter
+    stamps_ns = [stamp for stamp, _ in driven.windows] or [0]
+    for stamp in stamps_ns[::-(-len(stamps_ns) // _MOST_WINDOWS)]:
+        world = driven.at(stamp)
+        here = world.ground.contains(places) & np.isnan(height)
+        height[here] = world.ground.height_at(places[here])
+        todo = np.isnan(distant)
+        if todo.any():
+            distant[todo] = world.height_at(places[todo])
+        near = np.abs(world.rocks.position_m[:, :2] - centre_m).max(axis=1) < half_m
+        rocks.update(zip(world.rocks.key[near].tolist(), zip(
+            *world.rocks.position_m[near, :2].T.tolist(), world.rocks.diameter_m[near].tolist())))
+    height = np.where(np.isnan(height), distant, height)
     slope_y, slope_x = np.gradient(height, side[1] - side[0])
     # The light is always 30 degrees above the horizon, so that the ground is readable.
     light = frames.sun_direction(azimuth, 30.0)
@@ -349,9 +366,7 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
         1.0 + slope_x**2 + slope_y**2)
     extent = (x[0, 0], x[0, -1], y[0, 0], y[-1, 0])
     axes.imshow(shade, cmap='gray', origin='lower', extent=extent, vmin=0.0, vmax=1.0)
-    near = np.abs(world.rocks.position_m[:, :2] - centre_m).max(axis=1) < half_m
-    for k, ((rock_x, rock_y), diameter) in enumerate(zip(world.rocks.position_m[near, :2],
-                                                         world.rocks.diameter_m[near])):
+    for k, (rock_x, rock_y, diameter) in enumerate(rocks.values()):
         # One of them is enough for a legend.
         axes.add_patch(Circle((rock_x, rock_y), diameter / 2, color='0.12',
                               label='rocks' if k == 0 else None))

@@ -171,7 +171,7 @@ class Film:
 
     Attributes:
         times_ns: Simulated time of each frame.
-        world: That was driven on.
+        world: The window of the site that the scenario names.
         chase: The camera, at first that of the scenario; its image size is that of the film.
     """
 
@@ -198,12 +198,12 @@ class Film:
                 raise BagError(f'{path}: holds no {topics.LEFT_IMAGE.name}; --bare makes a film '
                                'without it')
             try:
-                found = run.world(world)
+                found = run.driven(world)
             except WorldError as error:
                 raise BagError(f'--world: {error}') from None
             if found is None:
                 raise BagError(f'{path}: its world is not found; name its folder with --world')
-            self.world = found
+            self._driven, self.world = found, found.world
             self.times_ns = self._times(bag)
             # A second more, so that there is a state before the first frame.
             self._drive = read_drive(bag, self._nodes.rover.legs,
@@ -236,19 +236,22 @@ class Film:
         # Films have smooth outlines, whatever the scenario of an older recording states.
         config = dataclasses.replace(render, sun=sun, detail=dataclasses.replace(
             render.detail, smooth_outlines=True))
+        world = self._driven.at(int(self.times_ns[0]))
         captions = Captions(width)
         pace = pace_caption(options.speed, self._factor)
         with open_bag(self._path) as bag, \
-                Renderer(self.world, self._nodes.rover, config, config.seed) as renderer:
+                Renderer(world, self._nodes.rover, config, config.seed) as renderer:
             overlay = Overlay() if bag.has(topics.GROUND_CHANGES.name) else None
             renderer.follow(overlay)
-            mount = ChaseMount(chase, sun.azimuth_deg, self.world)
+            mount = ChaseMount(chase, sun.azimuth_deg, world)
             camera = renderer.add_camera(chase, mount, samples=options.samples)
             path, step = SunPath(sun), 0
             for k, (time_ns, shown) in enumerate(_along(bag, self.times_ns, overlay)):
                 if path.step(int(time_ns)) != step:
                     step = path.step(int(time_ns))
                     renderer.show_sun(renderer.light_of(path.of_step(step)))
+                if self._driven.at(int(time_ns)) is not renderer.world:
+                    renderer.enter(self._driven.at(int(time_ns)))
                 state = drive.pose(drive.nearest(int(time_ns)))
                 mount.follow(state, int(time_ns))
                 pixels = camera.render(state, k).picture('left')

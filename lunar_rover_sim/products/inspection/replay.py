@@ -45,9 +45,16 @@ def replay(path: Path, port: int, speed: float = 1.0, world: Path | None = None,
     with open_bag(path) as bag, open_bag(path) as looked_up:
         if not bag.message_count:
             raise BagError(f'{path}: holds no message')
-        player = _Player(bag, looked_up, speed, on_time)
-        pages = MapPages(RecordedRun(bag).world(world)).extra
-        with LiveView(port, player.note_watched, pages=pages, origins=origins,
+        driven = RecordedRun(bag).driven(world)
+        pages = MapPages(None if driven is None else driven.at(bag.start_ns))
+
+        def show(time_s: float) -> None:
+            if driven is not None:
+                pages.show(driven.at(round(1e9 * time_s)))
+            on_time(time_s)
+
+        player = _Player(bag, looked_up, speed, show)
+        with LiveView(port, player.note_watched, pages=pages.extra, origins=origins,
                       recording=(bag.start_ns, player.end_ns), on_control=player.ask) as view:
             on_start(view.access)
             player.play(view)

@@ -101,13 +101,13 @@ def write_drive(bag: str | Path, path: str | Path, *, world: str | Path | None =
         changes = read_ground_changes(opened)
         found = None
         if world_stage is None:
-            found = RecordedRun(opened).world(world)
+            found = _window(opened, world)
             if found is None:
                 raise UsdError(f'{opened.path}: no folder holds the world of this drive; name it '
                                'with --world, or a stage of it with --world-stage')
         else:
             _check_world_stage(Path(world_stage), opened)
-        track_world = found or (RecordedRun(opened).world(world) if changes else None)
+        track_world = found or (_window(opened, world) if changes else None)
     if changes and track_world is None:
         logger.warning('%s: no folder holds the world of this drive, so its tracks are left out; '
                        'name it with --world', bag)
@@ -117,7 +117,8 @@ def write_drive(bag: str | Path, path: str | Path, *, world: str | Path | None =
 
     def tracks(stage: Usd.Stage, world_path: Sdf.Path) -> None:
         if track_world is not None:
-            write_tracks(stage, world_path.AppendChild('ground'), track_world.ground, changes,
+            write_tracks(stage, world_path.AppendChild('ground'), track_world.ground,
+                         [frame.around(track_world.origin_m) for frame in changes],
                          lambda ns: _codes(motion, [ns])[0])
 
     def compose(root: Path, parts: Path) -> None:
@@ -127,6 +128,18 @@ def write_drive(bag: str | Path, path: str | Path, *, world: str | Path | None =
         _compose(motion, recorded, found, reference, root, parts, tracks)
 
     return write_stage(path, compose, overwrite)
+
+
+def _window(bag: Bag, folder: str | Path | None) -> World | None:
+    """Return the window of the site at the end of a drive, in its own frame."""
+    driven = RecordedRun(bag).driven(folder)
+    if driven is None:
+        return None
+    middles = {middle for _, middle in driven.windows}
+    if len(middles) > 1:
+        logger.warning('%s: the drive crosses %d windows of its site; the stage has the ground of '
+                       'the last one', bag.path, len(middles))
+    return driven.at().local()
 
 
 def _reference(stage: Path, path: Path) -> str:

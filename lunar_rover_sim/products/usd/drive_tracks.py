@@ -11,6 +11,7 @@ All of it is written for the resolution `full` of the ground, whose cells are th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import dataclasses
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -144,6 +145,12 @@ class FrameOfGround(NamedTuple):
 
     stamp_ns: int
     changes: GroundChanges
+
+    def around(self, middle_m: tuple[float, float]) -> FrameOfGround:
+        """Return it in a frame whose origin is a place."""
+        moved = np.rint(np.array(middle_m) / CELL_M).astype(self.changes.index.dtype)
+        return self._replace(changes=dataclasses.replace(
+            self.changes, index=self.changes.index - moved))
 
 
 def read_ground_changes(bag: Bag) -> list[FrameOfGround]:

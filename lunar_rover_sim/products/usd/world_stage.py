@@ -88,6 +88,8 @@ class _WorldStage:
 
     def compose(self, surroundings: bool) -> None:
         """Write everything."""
+        if self._world.origin_m != (0.0, 0.0):      # a window, in the frame of its site
+            place(self._root, [*self._world.origin_m, 0.0])
         add_gravity(self._stage, self._root, self._settings.gravity_mps2)
         self._add_sun()
         contact = add_contact_material(self._stage, self._looks_path.AppendChild('contact'),
