@@ -351,7 +351,7 @@ def place(text: str, name: str = '') -> tuple[float, float]:
     except ValueError:
         x = y = math.nan
     if not (math.isfinite(x) and math.isfinite(y)):
-        raise ConfigError(f'{name + " " if name else ""}{text}: is no place; valid is X,Y [m], for example 8,3')
+        raise ConfigError(f'{name} {text}: is no place; valid is X,Y [m], for example 8,3'.strip())
     return x, y
 
 

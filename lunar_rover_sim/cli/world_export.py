@@ -119,7 +119,7 @@ def export(folder: Path | None, output: Path, overwrite: bool, orbital: bool,
         raise ConfigError('export: give the folder of a world, or --at BAG; --time and .npz need '
                           '--at')
     if folder is not None and is_stage(output):
-        _export_stage(options.window_of(folder, place), output, scenario, sun, name, not no_surroundings, overwrite)
+        _export_stage(folder, place, output, scenario, sun, name, not no_surroundings, overwrite)
     else:
         options.refuse_existing(output, overwrite)
         patch = None
@@ -183,9 +183,9 @@ def _export_map(world: World, output: Path, resolution_m: float, photo: bool,
     say(f'{output}: {output.stat().st_size / 1e6:.2f} MB')
 
 
-def _export_stage(world: World, output: Path, scenario: str | None,
-                  sun: tuple[float, float] | None, name: str | None, surroundings: bool,
-                  overwrite: bool) -> None:
+def _export_stage(folder: Path, at: tuple[float, float] | None, output: Path,
+                  scenario: str | None, sun: tuple[float, float] | None, name: str | None,
+                  surroundings: bool, overwrite: bool) -> None:
     # Here, because OpenUSD is an optional dependency.
     from lunar_rover_sim.products.usd.drive_stage import settings_of
     from lunar_rover_sim.products.usd.output import check_output, check_prim_name
@@ -200,5 +200,5 @@ def _export_stage(world: World, output: Path, scenario: str | None,
         settings = dataclasses.replace(settings, sun=dataclasses.replace(
             settings.sun, azimuth_deg=azimuth, elevation_deg=elevation))
     with Progress('writing the stage'):
-        write_world(world, output, settings, name=prim, surroundings=surroundings,
-                    overwrite=overwrite)
+        write_world(options.window_of(folder, at), output, settings, name=prim,
+                    surroundings=surroundings, overwrite=overwrite)

@@ -202,7 +202,8 @@ def test_a_chase_camera_is_in_the_site(renderer, windows):
 def test_the_window_follows_the_pose(renderer, windows):
     """A renderer that follows enters the next window by itself, with its cameras."""
     site = Windows(windows)
-    states = [RoverPose(standing(windows[0], 1286.4 + x, -985.6, 0.0)) for x in (0.0, 3.1, 3.4, 0.0)]
+    states = [RoverPose(standing(windows[0], 1286.4 + x, -985.6, 0.0))
+              for x in (0.0, 3.1, 3.4, 0.0)]
     chase = ChaseConfig(camera=dataclasses.replace(ChaseConfig().camera, width=160, height=90))
     mount = ChaseMount(chase, CONFIG.sun.azimuth_deg, windows[0])
     with Renderer(windows[0], scene.ROVER, CONFIG,
