@@ -15,8 +15,8 @@ from lunar_rover_sim.run.params_files import arguments_of_program
 from lunar_rover_sim.run.plan import check_launch_arguments, resolve
 from lunar_rover_sim.run.scenario import Scenario
 
-NAMES = ('baseline', 'dem', 'feature_sparse', 'flat', 'low_albedo', 'mare_apollo',
-         'permanent_shadow', 'rough', 'soft', 'traverse')
+NAMES = ('baseline', 'dem', 'expedition', 'feature_sparse', 'flat', 'low_albedo', 'mare_apollo',
+         'permanent_shadow', 'rough', 'site', 'soft', 'traverse')
 
 
 @pytest.mark.parametrize('name', NAMES)
