@@ -1,39 +1,44 @@
-"""Building a world from its parameters."""
+"""Building a window of a site from its recipe."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 import dataclasses
-import logging
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-import scipy.ndimage
 
 from lunar_rover_sim.base.arguments import check_argument
+from lunar_rover_sim.ground.world import albedo, block_means
 from lunar_rover_sim.ground.world import levels as nest
-from lunar_rover_sim.ground.world import relief, rockfield, shapes, stamping
+from lunar_rover_sim.ground.world import rockfield, shapes
 from lunar_rover_sim.ground.world import tile as measured
 from lunar_rover_sim.ground.world import world_folder
 from lunar_rover_sim.ground.world.config import DEM, MESH, WorldConfig
-from lunar_rover_sim.ground.world.craters import Craters, keep_clear, populate, survivors
+from lunar_rover_sim.ground.world.crater_field import Box, widened
+from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.dem import open_dem
-from lunar_rover_sim.ground.world.grid import (ALBEDO_STEP, height_step_m, HeightGrid, on_lattice,
-                                               round_to)
+from lunar_rover_sim.ground.world.grid import height_step_m, HeightGrid, on_lattice
 from lunar_rover_sim.ground.world.levels import axis_m
 from lunar_rover_sim.ground.world.mesh import MeshSource
 from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.terrain import Terrain
 
 MOON_RADIUS_M = 1_737_400.0     # of the reference sphere of LOLA (Smith et al., 2010)
 _STRIP = 64                     # rows bent at once
+# Sizes of craters, and how far their rocks and bright soil reach beyond their middle, in
+# diameters: rims and ejecta, and rays of large ones.
+_GATHERING = ((0.8, 1.6, 1.3), (1.6, 4.8, 1.3), (4.8, 12.8, 1.75), (12.8, math.inf, 3.0))
+
+Progress = Callable[[str, float], None]
 
 
 def drop_m(square_m2: ArrayLike, level_radius_m: float) -> NDArray[np.float64]:
     """Return how far the sphere lies below the plane, for squares of distances [m^2].
 
     Args:
-        level_radius_m: Ground nearer than that to the origin is level.
+        level_radius_m: Ground nearer than that to the middle is level.
     """
     beyond = np.maximum(np.asarray(square_m2, np.float64) - level_radius_m * level_radius_m, 0.0)
     return beyond / (2.0 * MOON_RADIUS_M)
@@ -52,17 +57,8 @@ def bend(heights: NDArray[np.float32], cell_m: float, level_radius_m: float) -> 
         heights[rows] -= drop_m(square[rows, None] + square, level_radius_m).astype(np.float32)
 
 
-logger = logging.getLogger(__name__)
-
-Progress = Callable[[str, float], None]
-
-# Cells along the diameter of a crater: the least that a level makes itself; below the second
-# number a crater is left to the finer level; the least on the finest level.
-_RESOLVED_CELLS, _FULL_CELLS, _LEAST_CELLS = 8.0, 24.0, 6.0
-
-
 def build_world(config: WorldConfig, seed: int = 0, progress: Progress | None = None) -> World:
-    """Return the world that the parameters describe.
+    """Return the world that the parameters describe: the window around the origin of its site.
 
     Args:
         seed: Used if `config.seed` is -1; the config of the world then has it. The same parameters
@@ -74,196 +70,123 @@ def build_world(config: WorldConfig, seed: int = 0, progress: Progress | None = 
         WorldError: If the source cannot be read or used.
     """
     check_argument('config', config, WorldConfig, 'a WorldConfig (Scenario.world)')
-    config = config.with_seed(seed)
-    tell = progress or (lambda what, fraction: None)
-    source = _open(config)
+    builder = Builder(config.with_seed(seed))
     try:
-        builder = _Builder(config, source, tell)
-        grids = builder.levels()
+        return builder.window((0.0, 0.0), progress)
     finally:
-        if source is not None:
-            source.close()
-    tell('albedo and rocks', 0.85)
-    drawn = Craters.join(builder.drawn)
-    albedo = _albedo(config, drawn, builder.rng('albedo'))
-    library = shapes.library()
-    rocks = rockfield.scatter(config.rocks, grids[0], library, drawn, config.clear_radius_m,
-                              builder.rng('rocks'))
-    grids = _shown(rockfield.fillets(config.rocks, grids[0], rocks, builder.rng('fillets')),
-                   grids[1:])
-    tell('hash', 0.95)
-    world = world_folder.sealed(World(grids, albedo, rocks, library, config, '', drawn,
-                                      builder.report))
-    tell('done', 1.0)
-    return world
+        builder.close()
 
 
-def _shown(ground: HeightGrid, coarser: tuple[HeightGrid, ...]) -> tuple[HeightGrid, ...]:
-    """Return ground and coarser levels, which show its heights."""
-    levels = [ground]
-    for level in coarser:
-        heights = level.heights_m.copy()
-        nest.embed(heights, levels[-1].heights_m)
-        heights.setflags(write=False)
-        levels.append(HeightGrid(heights, level.cell_m))
-    return tuple(levels)
+class Builder:
+    """Builds windows of one site; it keeps what neighbouring ones share."""
 
+    def __init__(self, config: WorldConfig) -> None:
+        """Open the source.
 
-def _open(config: WorldConfig) -> measured.Source | None:
-    if config.source == DEM:
-        return open_dem(config)
-    if config.source == MESH:
-        return MeshSource(config)
-    return None
+        Args:
+            config: Its seed is set.
 
-
-class _Builder:
-    """Builds the levels from the coarsest to the finest, then closes the seams."""
-
-    def __init__(self, config: WorldConfig, source: measured.Source | None,
-                 tell: Progress) -> None:
-        self.config = config
-        self.source = source
-        self.tell = tell
-        self.plan = nest.plan(config)
-        self.spectrum = relief.spectrum(config.relief)
-        self.drawn: list[Craters] = []
-        self.report: dict = dict(source.report) if source is not None else {}
-
-    def rng(self, purpose: str) -> np.random.Generator:
-        """Return a generator that depends on the seed and the purpose only."""
-        return np.random.default_rng([self.config.seed, *purpose.encode()])
-
-    def levels(self) -> tuple[HeightGrid, ...]:
-        """Return all levels, finest first."""
-        deferred = Craters.join([])
-        finished: list[tuple[NDArray[np.float32], float]] = []
-        parent: HeightGrid | None = None
-        for k in reversed(range(len(self.plan))):
-            n, cell = self.plan[k]
-            self.tell(f'relief at {cell:g} m', 0.8 * (1 - (k + 1) / len(self.plan)))
-            here, deferred = self._craters(k, deferred)
-            self.drawn.append(here)
-            heights = self._level(k, parent, here)
-            parent = HeightGrid(heights, cell)
-            finished.append((heights, cell))
-        return self._sealed(finished[::-1])
-
-    def _level(self, k: int, parent: HeightGrid | None, craters: Craters) -> NDArray[np.float32]:
-        """Return the heights of one level: large shape, craters, relief, measured terrain."""
-        n, cell = self.plan[k]
-        keep = 0.5 * self.config.size_m
-        detail = relief.synthesise(self.spectrum, n, cell, parent.cell_m if parent else None,
-                                   k == 0, self.rng(f'relief {k}'))
-        heights = detail if parent is None else nest.refine(parent, n, cell)
-        tile = self.source.tile(0.5 * (n - 1) * cell, cell) if self.source is not None else None
-        refined = self._refined(k)
-        if tile is not None and refined and not self._refined(k + 1):
-            measured.lay(heights, cell, tile, keep)
-        stamping.stamp(heights, cell, craters, self.config.craters, self.rng(f'outlines {k}'))
-        # The relief of the largest scales is older than the craters. That of the others has formed
-        # in the soil since, and lies on top.
-        if parent is not None:
-            heights += detail
-        elif tile is not None and refined:
-            # Relief below the scale of the measured terrain, which has replaced the rest.
-            heights += relief.synthesise(self.spectrum, n, cell,
-                                         2.0 * tile.pixel_m / relief.SPLIT_CELLS, k == 0,
-                                         self.rng('relief below the source'))
-        if tile is not None and refined:
-            measured.restore(heights, cell, tile, keep)
-        elif tile is not None:
-            measured.lay(heights, cell, tile, keep)
-        if parent is not None:
-            nest.fit_border(heights, cell, parent)
-        return heights
-
-    def _refined(self, k: int) -> bool:
-        """Return whether a level adds detail to measured heights instead of averaging them."""
-        return (self.source is not None and k < len(self.plan)
-                and self.plan[k][1] < measured.REFINED_BELOW * self.source.pixel_m)
-
-    def _craters(self, k: int, deferred: Craters) -> tuple[Craters, Craters]:
-        """Return the craters drawn on level k, and those left to the next finer level.
-
-        Each level makes the sizes that it resolves and its parent does not. A crater that would
-        be coarse here and lies completely within the finer level is left to that one.
+        Raises:
+            WorldError: If the source cannot be read or used.
         """
-        n, cell = self.plan[k]
-        config = self.config.craters
-        half = 0.5 * (n - 1) * cell
-        last = k == len(self.plan) - 1
-        low = _RESOLVED_CELLS * cell if k else _LEAST_CELLS * cell
-        high = np.inf if last else _RESOLVED_CELLS * self.plan[k + 1][1]
-        made = populate(config, half, low, high, k, self.rng(f'craters {k}'))
-        if self.source is not None:
-            made = measured.below_its_scale(made, self.source)
-        made = keep_clear(made, config, self.config.clear_radius_m)
-        made = survivors(made, Craters.join(self.drawn + [deferred]))
-        made = Craters.join([deferred, made])
-        if k == 0:
-            return made, Craters.join([])
-        inner_n, inner_cell = self.plan[k - 1]
-        inner = 0.5 * (inner_n - 1) * inner_cell - nest.FADE_CELLS * inner_cell
-        reach = np.abs(made.position_m).max(axis=1, initial=0.0) + 1.3 * made.diameter_m
-        finer = (reach < inner) & (made.diameter_m < _FULL_CELLS * cell)
-        left = made.select(finer)
-        return made.select(~finer), dataclasses.replace(left, level=left.level - 1)
+        self.config = config
+        self.source: measured.Source | None = None
+        if config.source == DEM:
+            self.source = open_dem(config)
+        elif config.source == MESH:
+            self.source = MeshSource(config)
+        self._terrain = Terrain(config, self.source)
+        self._origin_m: float | None = None
 
-    def _sealed(self, arrays: list[tuple[NDArray[np.float32], float]]) -> tuple[HeightGrid, ...]:
-        """Return the finished levels: origin at height 0, on the sphere, without seams.
+    def close(self) -> None:
+        """Close the source."""
+        if self.source is not None:
+            self.source.close()
+            self.source = None
+
+    def window(self, middle_m: tuple[float, float], progress: Progress | None = None) -> World:
+        """Return the window around a place.
+
+        The fine ground, its rocks and its albedo are the same, bit by bit, in all windows; but the
+        outermost samples of the ground are those of the next level, and the albedo fades to 1 in
+        the last 60 cells. Coarse levels show the finer ones within them, fade into each other in
+        the last 60 cells, and fall off with the sphere from the middle of the window.
+
+        Args:
+            middle_m: A multiple of the cells of the first coarse level.
+
+        Raises:
+            WorldError: If the source lacks heights there.
+        """
+        tell = progress or (lambda what, fraction: None)
+        config = self.config
+        if self.source is not None and middle_m != (0.0, 0.0):
+            self.source.check_window(middle_m)
+        arrays = self._terrain.levels(middle_m, tell)
+        origin = self._height_of_origin()
+        for heights in arrays:
+            heights -= np.float32(origin)
+        report = dict(self.source.report) if self.source is not None else {}
+        report['origin_height_m'] = origin + (
+            self.source.reference_m if self.source is not None else 0.0)
+        tell('albedo and rocks', 0.85)
+        drawn = self._terrain.catalogue(middle_m)
+        arrays[0].setflags(write=False)
+        ground = HeightGrid(arrays[0], config.cell_m, middle_m)
+        library = shapes.library()
+        around = rockfield.known_around(config.rocks, widened(
+            ground.box_m, config.rocks.max_diameter_m))
+        rocks, all_rocks = rockfield.scatter(config.rocks, config.seed, ground, library,
+                                             self._reaching(around), config.clear_radius_m)
+        ground = rockfield.fillets(config.rocks, ground, all_rocks)
+        light = albedo.fine_albedo(config, middle_m, self._bright(ground.box_m))
+        levels = self._nested([ground.heights_m.copy(), *arrays[1:]], middle_m)
+        tell('hash', 0.95)
+        world = world_folder.sealed(World(levels, light, rocks, library, config, '', drawn,
+                                          report))
+        tell('done', 1.0)
+        return world
+
+    def _height_of_origin(self) -> float:
+        """Return the height of the origin over the source's reference."""
+        if self._origin_m is None:
+            self._origin_m = float(on_lattice(self._terrain.height_at_origin(),
+                                              height_step_m(self.config.cell_m)))
+        return self._origin_m
+
+    def _reaching(self, box: Box) -> Craters:
+        """Return the craters around which rocks of a box may gather."""
+        return Craters.join([self._terrain.craters.within(widened(
+            box, reach * min(high, self.config.craters.max_diameter_m)), low, high)
+            for low, high, reach in _GATHERING])
+
+    def _bright(self, box: Box) -> Craters:
+        """Return the craters whose bright soil reaches a box, and large ones of its blocks."""
+        field = block_means.field_for(box)
+        rows, columns = field.values.shape
+        x, y = (f * field.cell_m for f in field.first)
+        blocks = (x, x + columns * field.cell_m, y, y + rows * field.cell_m)
+        large, largest = albedo.BLOCK_CRATER_M, self.config.craters.max_diameter_m
+        return Craters.join([
+            self._terrain.craters.within(widened(box, 1.75 * large), 6.0 * self.config.cell_m,
+                                         large),
+            self._terrain.craters.within(widened(blocks, 1.75 * largest), large)])
+
+    def _nested(self, arrays: list[NDArray[np.float32]],
+                middle_m: tuple[float, float]) -> tuple[HeightGrid, ...]:
+        """Return the finished levels: on the sphere, without seams.
 
         Each level shows the finer one within it.
         """
-        offset = float(on_lattice(HeightGrid(*arrays[0]).height_at((0.0, 0.0)),
-                                  height_step_m(arrays[0][1])))
-        reference = self.source.reference_m if self.source is not None else 0.0
-        self.report['origin_height_m'] = reference + offset
-        for heights, cell in arrays:
-            heights -= np.float32(offset)
-            round_to(heights, height_step_m(cell))
-        for heights, cell in arrays[1:]:
+        cells = [cell for _, cell in self._terrain.plan]
+        for heights, cell in zip(arrays[1:], cells[1:]):
             bend(heights, cell, math.sqrt(0.5) * self.config.size_m)
-        for (child, cell), parent in zip(arrays[-2::-1], arrays[::-1]):
-            nest.close_seam(child, cell, HeightGrid(*parent))
-        for (child, _), (heights, _) in zip(arrays, arrays[1:]):
-            nest.embed(heights, child)
-        for heights, _ in arrays:
+        for k in range(len(arrays) - 2, 0, -1):
+            nest.fit_border(arrays[k], cells[k], HeightGrid(arrays[k + 1], cells[k + 1]))
+        for k in range(1, len(arrays)):
+            nest.embed(arrays[k], arrays[k - 1])
+        for k in range(len(arrays) - 2, -1, -1):
+            nest.close_seam(arrays[k], cells[k], HeightGrid(arrays[k + 1], cells[k + 1]))
+        for heights in arrays:
             heights.setflags(write=False)
-        return tuple(HeightGrid(heights, cell) for heights, cell in arrays)
-
-
-def _albedo(config: WorldConfig, craters: Craters,
-            rng: np.random.Generator) -> NDArray[np.float32]:
-    """Return the albedo factor on the samples of the ground, 1 on average and at the border."""
-    n, cell = config.samples, config.cell_m
-    variation = np.zeros((n, n), np.float32)
-    if config.albedo.variation > 0.0:
-        # Patches from 3 dm to several metres; smaller ones are fainter.
-        for wavelength, part in ((6.4, 0.75), (1.6, 0.55), (0.4, 0.35)):
-            sigma = min(wavelength / 4.0 / cell, n / 8.0)
-            coarse = max(int(sigma / 2.0), 1)
-            small = rng.standard_normal((n // coarse + 3,) * 2)
-            small = on_lattice(scipy.ndimage.gaussian_filter(small, sigma / coarse, mode='wrap'),
-                               2.0**-20)
-            axis = np.arange(small.shape[0]) * float(coarse)
-            fine = nest.spline(axis, axis, small, np.arange(n, dtype=float),
-                               np.arange(n, dtype=float))
-            spread = np.std(fine, dtype=np.float64)
-            variation += np.float32(on_lattice(part / spread, 2.0**-16)) * fine
-        variation *= np.float32(config.albedo.variation)
-    if config.albedo.grain > 0.0:
-        # Uniform, not normal: exact on every machine, and of the same RMS.
-        grain = rng.random((n, n), np.float32)
-        grain -= np.float32(0.5)
-        grain *= np.float32(config.albedo.grain * math.sqrt(12.0))
-        variation += grain
-    if config.albedo.fresh_crater > 0.0:
-        stamping.brighten(variation, cell, craters, config.albedo.fresh_crater)
-    variation -= np.float32(on_lattice(np.mean(variation, dtype=np.float64), ALBEDO_STEP))
-    edge = nest.fade(n)
-    variation *= edge[:, None] * edge
-    albedo = np.clip(1.0 + variation, 0.4, 1.8, dtype=np.float32)
-    round_to(albedo, ALBEDO_STEP)
-    albedo.setflags(write=False)
-    return albedo
+        return tuple(HeightGrid(heights, cell, middle_m) for heights, cell in zip(arrays, cells))

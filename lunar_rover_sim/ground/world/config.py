@@ -134,6 +134,8 @@ class RockConfig(Parameters):
     their diameter or less (Demidov & Basilevsky 2014).
     """
 
+    gone = {'max_number': 20000}
+
     site: str = param('', 'number of rocks: as counted at this site (see `rockfield`); empty: '
                       'abundance and decay_per_m', choices=('', *SITES))
 
@@ -142,8 +144,8 @@ class RockConfig(Parameters):
     decay_per_m: float = param(0.0, 'q; 0: follows from the abundance', unit='1/m', low=0.0)
     min_diameter_m: float = param(0.03, 'smallest rock', unit='m', low=0.005, high=2.0)
     max_diameter_m: float = param(2.0, 'largest rock', unit='m', low=0.005, high=20.0)
-    max_number: int = param(20000, 'greatest number of rocks; beyond it the smallest are left out',
-                            low=0, high=200000)
+    max_per_m2: float = param(8.0, 'greatest number of rocks per m2 of the plain; beyond it the '
+                              'smallest are left out', unit='1/m2', low=0.0, high=100.0)
     size_classes: int = param(28, 'number of logarithmic classes of size', low=1, high=64)
     burial: float = param(0.3, 'mean fraction of the height that is below ground', low=0.02,
                           high=0.9)
@@ -194,6 +196,8 @@ class WorldConfig(Parameters):
     cell_m: float = param(0.025, 'cell size of the fine ground', unit='m', low=0.001, high=10.0)
     clear_radius_m: float = param(0.6, 'no rocks and no steep crater within this distance of the '
                                   'origin', unit='m', low=0.0)
+    site_km: float = param(4.0, 'side length of the site, all of which can be driven; measured '
+                           'ground may end before', unit='km', low=0.0, high=40.0)
     dem: DemConfig = group(DemConfig)
     mesh: MeshConfig = group(MeshConfig)
     relief: ReliefConfig = group(ReliefConfig)

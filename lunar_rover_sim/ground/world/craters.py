@@ -28,7 +28,7 @@ class Craters:
         diameter_m: (m,) from rim to rim when the crater was fresh.
         age: (m,) fraction of the crater's lifetime, 0 = fresh.
         level: (m,) index of the height level on which it is drawn (finer levels show it too).
-        key: (m,) uint32 that a crater keeps in all windows of its site. Craters made without keys
+        key: (m,) uint64 that a crater keeps in all windows of its site. Craters made without keys
             are numbered.
     """
 
@@ -36,7 +36,7 @@ class Craters:
     diameter_m: Array
     age: Array
     level: NDArray[np.int32]
-    key: NDArray[np.uint32] = dataclasses.field(default_factory=lambda: np.zeros(0, np.uint32))
+    key: NDArray[np.uint64] = dataclasses.field(default_factory=lambda: np.zeros(0, np.uint64))
 
     def __post_init__(self) -> None:
         if len(self.key) != len(self.diameter_m):
@@ -69,8 +69,8 @@ class Craters:
 
 GEOMETRIC_SATURATION = 1.54  # N(>D) D^2 (Gault, 1970)
 REFERENCE_DIAMETER_M = 10.0
-_POSITION_STEP_M = 2.0**-16
-_MAX_CRATERS = 500_000       # on one level
+POSITION_STEP_M = 2.0**-16
+MAX_CRATERS = 500_000       # on one level
 
 
 def density_per_m2(config: CraterConfig, diameter_m: float) -> float:
@@ -94,9 +94,9 @@ def populate(config: CraterConfig, half_extent_m: float, low_m: float, high_m: f
         return Craters.join([])
     per_m2 = density_per_m2(config, low_m) - density_per_m2(config, high_m)
     expected = per_m2 * (2.0 * half_extent_m) ** 2
-    if expected > _MAX_CRATERS:
+    if expected > MAX_CRATERS:
         raise WorldError(f'world.craters: {expected:.3g} from {low_m:.3g} m to {high_m:.3g} m are '
-                         f'more than {_MAX_CRATERS} on one level; raise '
+                         f'more than {MAX_CRATERS} on one level; raise '
                          'world.craters.min_diameter_m or lower world.craters.density or '
                          'world.craters.slope')
     count = rng.poisson(expected)
@@ -105,7 +105,7 @@ def populate(config: CraterConfig, half_extent_m: float, low_m: float, high_m: f
     diameter = (low_m ** b + u * (high_m ** b - low_m ** b)) ** (1.0 / b)
     position = rng.uniform(-half_extent_m, half_extent_m, (count, 2))
     age = rng.random(count) ** (1.0 / config.age_exponent)
-    return Craters(on_lattice(position, _POSITION_STEP_M), significant(diameter),
+    return Craters(on_lattice(position, POSITION_STEP_M), significant(diameter),
                    significant(age), np.full(count, level, np.int32))
 
 

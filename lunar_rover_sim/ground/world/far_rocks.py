@@ -12,17 +12,16 @@ import zlib
 import numpy as np
 
 from lunar_rover_sim.base.frames import Array
-from lunar_rover_sim.ground.world import rockfield, stamping
+from lunar_rover_sim.ground.world import rockfield
 from lunar_rover_sim.ground.world.kept_arrays import kept
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.rocks import Rocks
 
-_RECIPE = 1             # rises with every change of what `far_rocks` returns
+_RECIPE = 2             # rises with every change of what `far_rocks` returns
 LEAST_DIAMETER_M = 0.3      # of rocks at any distance
 # Nearer to the fine ground there are smaller ones too, so that they do not end at its edge: as
 # large as they look under this angle from its middle [rad], 1.4 px of the default camera.
 _LEAST_ANGLE = 0.003
-_CELLS = 512                # along a side of the map of density
 
 
 def least_diameter_m(xy_m: Array) -> Array:
@@ -32,72 +31,54 @@ def least_diameter_m(xy_m: Array) -> Array:
 
 
 def far_rocks(world: World, reach_m: float) -> Rocks:
-    """Return the rocks between the edge of the ground and `reach_m` from the origin, in x or y.
+    """Return the rocks beyond the ground, up to `reach_m` from its middle, in x or y.
 
     Args:
         reach_m: The levels limit it too. A world whose recipe has no seed has none.
     """
-    rocks = _kept_far_rocks(world, reach_m)
-    # They are counted on from those of the world.
-    return dataclasses.replace(rocks, key=rocks.key + np.uint32(len(world.rocks)))
-
-
-def _kept_far_rocks(world: World, reach_m: float) -> Rocks:
     if not world.hash:
         return _far_rocks(world, reach_m)
 
     def rows() -> Array:
         rocks = _far_rocks(world, reach_m)
+        # Keys have 52 bits, which double precision holds.
         return np.column_stack([rocks.shape, rocks.size, rocks.position_m, rocks.orientation_wxyz,
-                                rocks.albedo])
+                                rocks.albedo, rocks.key])
     # A world may have the hash of another one that it was changed from: its heights tell.
     columns = kept('far_rocks', [_RECIPE, world.hash, world.config.to_mapping(),
-                                 [(grid.cell_m, zlib.crc32(grid.heights_m.tobytes()))
+                                 [(grid.cell_m, grid.middle_m,
+                                   zlib.crc32(grid.heights_m.tobytes()))
                                   for grid in world.levels], reach_m], rows)
     return Rocks(columns[:, 0].astype(np.int32), columns[:, 1].astype(np.int32),
                  np.ascontiguousarray(columns[:, 2:5]), np.ascontiguousarray(columns[:, 5:9]),
-                 columns[:, 9].astype(np.float32), rockfield.size_classes(world.config.rocks))
+                 columns[:, 9].astype(np.float32), rockfield.size_classes(world.config.rocks),
+                 columns[:, 10].astype(np.uint64))
 
 
 def _far_rocks(world: World, reach_m: float) -> Rocks:
     """Do the work of `far_rocks`."""
     config, half = world.config.rocks, world.ground.half_extent_m
+    # Rocks are drawn in the frame of the site.
+    x, y = np.add(world.ground.middle_m, world.origin_m).tolist()
+    craters = dataclasses.replace(world.craters,
+                                  position_m=world.craters.position_m + world.origin_m)
     reach = min(reach_m, world.levels[-1].half_extent_m - config.max_diameter_m)
-    if world.config.seed < 0 or config.abundance == 0.0 or config.max_number == 0 \
-            or reach <= half:
+    if world.config.seed < 0 or config.abundance == 0.0 or reach <= half:
         return rockfield.no_rocks(config)
-    rng = np.random.default_rng([world.config.seed, *b'far rocks'])
     classes = rockfield.size_classes(config)
-    bounds = np.sqrt(classes[1:] * classes[:-1])
-    grid = np.geomspace(config.min_diameter_m, config.max_diameter_m, 2049)
-    above = rockfield.number_per_m2(config, grid) * (2.0 * reach) ** 2
-    above = above[grid >= min(_LEAST_ANGLE * half, LEAST_DIAMETER_M)]
-    grid = grid[-len(above):]
-    if len(above) < 2:
-        return rockfield.no_rocks(config)
-    count = int(rng.poisson(above[0]))
-    diameter = np.interp(rng.uniform(0.0, above[0], count), above[::-1], grid[::-1])
-    diameter = np.sort(diameter)[::-1]
-    xy = _places(count, _density(world, reach), reach, rng)
-    size = np.clip(np.searchsorted(bounds, diameter), 0, len(classes) - 1)
-    away = np.abs(xy).max(axis=1)
-    some = (diameter >= least_diameter_m(xy)) & (away > half + 0.6 * classes[size])
-    xy, size = xy[some], size[some]
-    apart = rockfield.apart(xy, classes[size])
-    return rockfield.laid(config, world, world.rock_shapes, xy[apart], size[apart], rng)
-
-
-def _density(world: World, reach_m: float) -> Array:
-    """Return the running sum of the relative density of rocks over coarse cells."""
-    config = world.config.rocks
-    density = rockfield.relative_density(config, reach_m, _CELLS, world.craters)
-    stamping.add_rays(density, 2.0 * reach_m / _CELLS, world.craters, config.near_craters)
-    return np.cumsum(density.ravel())
-
-
-def _places(count: int, total: Array, reach_m: float, rng: np.random.Generator) -> Array:
-    """Return (count, 2) positions [m] that follow the density."""
-    index = np.minimum(np.searchsorted(total, rng.uniform(0.0, total[-1], count)),
-                       _CELLS * _CELLS - 1)
-    corner = np.stack([index % _CELLS, index // _CELLS], axis=-1)
-    return (corner + rng.random((count, 2))) * (2.0 * reach_m / _CELLS) - reach_m
+    # Small ones lie near the ground, large ones far off, too.
+    shells = [min(shell, reach) for shell in (LEAST_DIAMETER_M / _LEAST_ANGLE, reach_m)]
+    parts, inner = [], 0.0
+    for shell in sorted(set(shells)):
+        found = rockfield.population(
+            config, world.config.seed, (x - shell, x + shell, y - shell, y + shell), craters,
+            world.config.clear_radius_m, float(least_diameter_m((max(half, inner), 0.0))))
+        away = np.abs(found.xy_m - (x, y)).max(axis=1)
+        diameter = classes[found.size]
+        parts.append(found.select((away > half + 0.6 * diameter) & (away >= inner)
+                                  & (diameter >= least_diameter_m(found.xy_m - (x, y)))))
+        inner = shell
+    rocks = rockfield.Population(*(np.concatenate([getattr(part, field.name) for part in parts])
+                                   for field in dataclasses.fields(rockfield.Population)))
+    here = dataclasses.replace(rocks, xy_m=rocks.xy_m - world.origin_m)
+    return rockfield.laid(config, world, world.rock_shapes, here)

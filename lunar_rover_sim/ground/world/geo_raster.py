@@ -250,7 +250,7 @@ class GeoRaster(Raster):
         local = local_crs(source.crs, *here)
         crs, grid = self._about_meridian(x, here[0])
         n, cell_m = levels.plan(self.config)[-1]
-        half = 0.5 * n * cell_m + 4.0 * self.pixel_m
+        half = 0.5 * n * cell_m + 500.0 * self.config.site_km + 4.0 * self.pixel_m
         low, high = self._reach(crs, grid, local)
         west, south = (max(int(-(-v // s)), int(-half // s)) for v, s in zip(low, sides_m))
         east, north = (min(int(v // s), int(-(-half // s))) for v, s in zip(high, sides_m))

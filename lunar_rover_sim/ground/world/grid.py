@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
+_FRACTIONS = 4096.0     # of a cell, at which a sample may lie
+
+
 @dataclasses.dataclass(frozen=True)
 class HeightGrid:
     """Heights on a square grid.
@@ -40,13 +43,20 @@ class HeightGrid:
         return 0.5 * (self.n - 1) * self.cell_m
 
     @property
+    def box_m(self) -> tuple[float, float, float, float]:
+        """Least and greatest x, then y, site frame [m]."""
+        half, (x, y) = self.half_extent_m, self.middle_m
+        return x - half, x + half, y - half, y + half
+
+    @property
     def first(self) -> tuple[float, float]:
         """Place of sample [0, 0] on the lattice of the site, x and y [cells].
 
         Whole numbers if n is odd, and halves if it is even.
         """
         half = 0.5 * (self.n - 1)
-        x, y = (round(m / self.cell_m) - half for m in self.middle_m)
+        # Of a cell that is wider than the step of windows, the middle may be a fraction.
+        x, y = (round(m / self.cell_m * _FRACTIONS) / _FRACTIONS - half for m in self.middle_m)
         return x, y
 
     def contains(self, xy_m: ArrayLike) -> NDArray[np.bool_]:
@@ -145,3 +155,23 @@ def window_of(x0: float, y0: float, reach: float, n: int) -> tuple[slice, slice]
     if right - left < 2 or high - low < 2:
         return None
     return slice(low, high), slice(left, right)
+
+
+def part_of(x: float, y: float, reach: float, first: tuple[int, int],
+            shape: tuple[int, ...]) -> tuple[slice, slice] | None:
+    """Return the rows and columns of an area within reach of a place; None if there are none.
+
+    Args:
+        x, y: On the lattice of the site [cells].
+        reach: In cells.
+        first: Column and row on that lattice at which the area begins.
+        shape: Its rows and columns.
+    """
+    parts = []
+    for at, begin, size in ((y, first[1], shape[0]), (x, first[0], shape[1])):
+        low = max(math.ceil(at - reach), begin)
+        high = min(math.floor(at + reach) + 1, begin + size)
+        if low >= high:
+            return None
+        parts.append(slice(low - begin, high - begin))
+    return parts[0], parts[1]

@@ -100,15 +100,6 @@ def _taps(at: NDArray, to: NDArray) -> tuple[NDArray[np.int64], list[NDArray[np.
     return first + _PAD - 1, [weight.astype(np.float32) for weight in weights]
 
 
-def refine(parent: HeightGrid, n: int, cell_m: float) -> NDArray[np.float32]:
-    """Return the parent's heights, spline-interpolated to (n, n) samples of a finer level."""
-    axis = axis_m(parent.n, parent.cell_m)
-    fine = axis_m(n, cell_m)
-    inside = np.flatnonzero(np.abs(axis) <= fine[-1] + 8.5 * parent.cell_m)
-    part = slice(inside[0], inside[-1] + 1)
-    return spline(axis[part], axis[part], parent.heights_m[part, part], fine, fine)
-
-
 def fade(n: int) -> NDArray[np.float32]:
     """Return the (n,) weight of a level's detail along one axis: 0 at the border, 1 within."""
     edge = np.minimum(np.arange(n), np.arange(n)[::-1])

@@ -16,8 +16,8 @@ from lunar_rover_sim.base.files.paths import check_regular, user_path
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.fill import harmonic_fill
 from lunar_rover_sim.ground.world.missing_data import max_step_m
-from lunar_rover_sim.ground.world.raster import MAX_HEIGHT_M
-from lunar_rover_sim.ground.world.tile import Tile
+from lunar_rover_sim.ground.world.raster import Box, MAX_HEIGHT_M
+from lunar_rover_sim.ground.world.tile import PAD_PIXELS, Tile
 
 logger = logging.getLogger(__name__)
 
@@ -115,61 +115,76 @@ class MeshSource:
                        float(low[1] - middle[1]), float(high[1] - middle[1]))
         self.pixel_m = max(config.mesh.resolution_m, config.cell_m)
         self.report: dict[str, Any] = {'file': str(self.path), 'triangles': len(triangles)}
-        half = 0.5 * config.size_m
-        least = min(-self.area_m[0], self.area_m[1], -self.area_m[2], self.area_m[3])
+        self._extent_m = float(high[0] - low[0]), float(high[1] - low[1])
+        self.check_window((0.0, 0.0))
+
+    def check_window(self, middle_m: tuple[float, float]) -> None:
+        """Check the fine ground around a place.
+
+        Raises:
+            WorldError: If it is not within the mesh, or has holes.
+        """
+        half, (x, y) = 0.5 * self.config.size_m, middle_m
+        where = '' if middle_m == (0.0, 0.0) else f' around x {x:g}, y {y:g} m'
+        area = self.area_m
+        least = min(x - area[0], area[1] - x, y - area[2], area[3] - y)
         if least < half - 1e-6:
             raise WorldError(
-                f'{self.path}: the window of {config.size_m:g} m reaches {half - least:.4g} m '
-                f'beyond the mesh ({high[0] - low[0]:.5g} x {high[1] - low[1]:.5g} m); move '
-                'world.mesh.center, set world.mesh.scale, or make world.size_m smaller')
-        self._check_ground(half)
-
-    def _check_ground(self, half_m: float) -> None:
-        _, hits = self._cast(half_m, self.config.cell_m, (-half_m, half_m, -half_m, half_m), True)
+                f'{self.path}: the window of {self.config.size_m:g} m{where} reaches '
+                f'{half - least:.4g} m beyond the mesh ({self._extent_m[0]:.5g} x '
+                f'{self._extent_m[1]:.5g} m); move world.mesh.center, set world.mesh.scale, or '
+                'make world.size_m smaller')
+        _, _, hits = self._cast((x - half, x + half, y - half, y + half), self.config.cell_m, True)
         holes, overhangs = int(np.isnan(hits.top_m).sum()), int((hits.layers > 1).sum())
         rays = hits.top_m.size
         self.report.update(rays=rays, holes=holes, overhangs=overhangs)
         if holes == rays:
-            raise WorldError(f'{self.path}: no vertical ray meets the mesh in the window; move '
-                             'world.mesh.center or choose another world.mesh.up_axis')
+            raise WorldError(f'{self.path}: no vertical ray meets the mesh in the window{where}; '
+                             'move world.mesh.center or choose another world.mesh.up_axis')
         if holes and self.config.mesh.holes == 'refuse':
-            raise WorldError(f'{self.path}: {holes} of {rays} vertical rays in the window meet no '
-                             'face; mend the mesh or set world.mesh.holes to fill')
+            raise WorldError(f'{self.path}: {holes} of {rays} vertical rays in the window{where} '
+                             'meet no face; mend the mesh or set world.mesh.holes to fill')
         if holes:
-            logger.warning('%s: %d of %d rays met no face; the holes are filled', self.path, holes,
-                           rays)
+            logger.warning('%s: %d of %d rays met no face%s; the holes are filled', self.path,
+                           holes, rays, where)
         if overhangs:
-            logger.warning('%s: %d of %d rays met several surfaces; the highest is taken',
-                           self.path, overhangs, rays)
+            logger.warning('%s: %d of %d rays met several surfaces%s; the highest is taken',
+                           self.path, overhangs, rays, where)
 
-    def tile(self, half_extent_m: float, cell_m: float) -> Tile | None:
-        """Return the heights within [-h, h]^2, sampled at `resolution_m` or the cell if larger."""
+    def tile(self, box_m: Box, cell_m: float) -> Tile | None:
+        """Return the heights in a box and around it, sampled at `resolution_m` or the cell."""
         spacing = max(self.pixel_m, cell_m)
-        grid, hits = self._cast(half_extent_m + 3 * spacing, spacing, self.area_m)
-        if grid is None:
-            return None
+        pad = PAD_PIXELS * spacing
+        first, _, hits = self._cast((box_m[0] - pad, box_m[1] + pad, box_m[2] - pad,
+                                        box_m[3] + pad), spacing)
         known = np.isfinite(hits.top_m)
         if not known.any():
             return None
         top = np.where(known, hits.top_m, 0.0).astype(np.float32)
-        return Tile(harmonic_fill(top, known), grid[0], grid[1], spacing)
+        return Tile(harmonic_fill(top, known), first, (0.0, 0.0), (spacing, spacing))
 
     def close(self) -> None:
         """Release the mesh."""
         self._triangles = np.empty((0, 3, 3))
 
-    def _cast(self, half_m: float, spacing_m: float,
-              area_m: tuple[float, float, float, float],
-              count_layers: bool = False) -> tuple[Any, MeshHits]:
-        """Cast rays at the multiples of the spacing that lie in the area and in [-h, h]^2."""
-        axes = []
-        for low, high in (area_m[:2], area_m[2:]):
-            first = int(np.ceil(max(low, -half_m) / spacing_m - 1e-6))
-            last = int(np.floor(min(high, half_m) / spacing_m + 1e-6))
-            axes.append(np.arange(first, last + 1, dtype=np.float64) * spacing_m)
+    def _cast(self, box_m: Box, spacing_m: float, count_layers: bool = False
+              ) -> tuple[tuple[int, int], list[NDArray[np.float64]], MeshHits]:
+        """Cast rays at the multiples of the spacing that lie on the mesh and in a box.
+
+        Returns:
+            The first multiple along x and y, the places, and what was hit: nothing if there are
+            fewer than two along a side.
+        """
+        first, axes = [], []
+        for low, high, least, most in zip(self.area_m[::2], self.area_m[1::2], box_m[::2],
+                                          box_m[1::2]):
+            first.append(int(np.ceil(max(low, least) / spacing_m - 1e-6)))
+            last = int(np.floor(min(high, most) / spacing_m + 1e-6))
+            axes.append(np.arange(first[-1], last + 1, dtype=np.float64) * spacing_m)
+        begin = first[0], first[1]
         if min(len(axes[0]), len(axes[1])) < 2:
-            return None, MeshHits(np.empty((0, 0)), np.empty((0, 0), np.int32))
-        return (axes[0], axes[1]), cast(self._triangles, axes[0], axes[1], count_layers)
+            return begin, axes, MeshHits(np.empty((0, 0)), np.empty((0, 0), np.int32))
+        return begin, axes, cast(self._triangles, axes[0], axes[1], count_layers)
 
 
 def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:

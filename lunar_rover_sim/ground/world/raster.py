@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import logging
+import math
 import pathlib
 from typing import Any
 
@@ -14,16 +15,18 @@ from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.fill import harmonic_fill
 from lunar_rover_sim.ground.world.missing_data import ADVICE, all_marked, marked, steepest, Suspect
-from lunar_rover_sim.ground.world.tile import Tile
+from lunar_rover_sim.ground.world.tile import PAD_PIXELS, Tile
 
 logger = logging.getLogger(__name__)
 
 MAX_HEIGHT_M = 1e5  # beyond any height on the Moon: a marker for missing data
 MAX_PIXEL_M = 1e6
-_PAD_PIXELS = 3
+_CHECKED_AROUND = 3     # pixels around the ground that are checked with it
 _CHECKED_PIXELS = 1 << 22       # at once
 _MOST_CHECKED = 1 << 26         # at full resolution; larger areas are checked as they are averaged
 _MOST_READ = 1 << 33            # for one level: some minutes
+
+Box = tuple[float, float, float, float]     # x low, x high, y low, y high [m]
 
 
 class Raster(abc.ABC):
@@ -80,63 +83,79 @@ class Raster(abc.ABC):
                 self.height / 2.0 + sign * b / self.pixel_y_m)
 
     def check_ground(self) -> None:
-        """Set the reference height.
+        """Set the reference height, that of the origin; check the ground around it.
 
         Raises:
-            WorldError: If the ground is not within the file or lacks data.
+            WorldError: As for `check_window`.
         """
-        half = 0.5 * self.config.size_m
-        area = self.area_m
-        names = ('west', 'east', 'south', 'north')
-        beyond = (area[0] + half, half - area[1], area[2] + half, half - area[3])
-        worst = int(np.argmax(beyond))
-        if beyond[worst] > 1e-6:
-            wide, high = area[1] - area[0], area[3] - area[2]
-            raise WorldError(
-                f'{self.path}: the window of {self.config.size_m:g} m reaches '
-                f'{beyond[worst]:.4g} m beyond the {names[worst]} edge of the file '
-                f'({wide:.5g} x {high:.5g} m); move world.dem.center or '
-                'make world.size_m smaller')
-        heights, known, _, _ = self._window(half, self.config.cell_m)
-        if not known.all():
-            missing = int((~known).sum())
-            if self.config.dem.nodata == 'refuse' or missing == known.size:
-                raise WorldError(
-                    f'{self.path}: {missing} of {known.size} pixels in the window have no data; '
-                    'move world.dem.center' + ('' if missing == known.size
-                                               else ' or set world.dem.nodata to fill'))
-            logger.warning('%s: %d of %d pixels without data are filled', self.path, missing,
-                           known.size)
-        self._check_pixels_of(half, self.config.cell_m, 'the window')
+        heights, known = self.check_window((0.0, 0.0))
         if heights[known].min() == heights[known].max():
             logger.warning('%s: all heights in the window are %g m', self.path,
                            heights[known].min())
-        self.report['filled_pixels'] = int((~known).sum())
         middle = harmonic_fill((heights - heights[known][0]).astype(np.float32), known)
         self.reference_m = float(heights[known][0]
                                  + middle[middle.shape[0] // 2, middle.shape[1] // 2])
         self.report['pixel_m'] = [self.pixel_x_m, self.pixel_y_m]
 
-    def tile(self, half_extent_m: float, cell_m: float) -> Tile | None:
-        """Return the heights in [-h, h]^2, averaged to about a cell; None if there are none."""
-        heights, known, x, y = self._window(half_extent_m, cell_m)
+    def check_window(self, middle_m: tuple[float, float]) -> tuple[NDArray, NDArray]:
+        """Return the heights of the fine ground around a place, and where there are data.
+
+        Raises:
+            WorldError: If the ground is not within the file or lacks data.
+        """
+        half, (x, y) = 0.5 * self.config.size_m, middle_m
+        where = '' if middle_m == (0.0, 0.0) else f' around x {x:g}, y {y:g} m'
+        area = self.area_m
+        names = ('west', 'east', 'south', 'north')
+        beyond = (area[0] + half - x, x + half - area[1], area[2] + half - y, y + half - area[3])
+        worst = int(np.argmax(beyond))
+        if beyond[worst] > 1e-6:
+            wide, high = area[1] - area[0], area[3] - area[2]
+            raise WorldError(
+                f'{self.path}: the window of {self.config.size_m:g} m{where} reaches '
+                f'{beyond[worst]:.4g} m beyond the {names[worst]} edge of the file '
+                f'({wide:.5g} x {high:.5g} m); move world.dem.center or '
+                'make world.size_m smaller')
+        box = (x - half, x + half, y - half, y + half)
+        heights, known, _, _ = self._window(box, self.config.cell_m, _CHECKED_AROUND)
+        if not known.all():
+            missing = int((~known).sum())
+            if self.config.dem.nodata == 'refuse' or missing == known.size:
+                raise WorldError(
+                    f'{self.path}: {missing} of {known.size} pixels in the window{where} have no '
+                    'data; move world.dem.center' + ('' if missing == known.size
+                                                     else ' or set world.dem.nodata to fill'))
+            logger.warning('%s: %d of %d pixels without data%s are filled', self.path, missing,
+                           known.size, where)
+        self._check_pixels_of(box, self.config.cell_m, 'the window' + where)
+        self.report['filled_pixels'] = int((~known).sum())
+        return heights, known
+
+    def tile(self, box_m: Box, cell_m: float) -> Tile | None:
+        """Return the heights in a box, averaged to about a cell; None if there are none."""
+        heights, known, first, factor = self._window(box_m, cell_m, PAD_PIXELS)
         if min(heights.shape) < 2 or not known.any():
             return None
-        self._check_pixels_of(half_extent_m, cell_m,
-                              f'the {2.0 * half_extent_m:.4g} m around the origin')
-        if not known.all() and half_extent_m > self.config.size_m and not self._has_told_gaps:
+        middle = (0.5 * (box_m[0] + box_m[1]), 0.5 * (box_m[2] + box_m[3]))
+        around = 'the origin' if max(map(abs, middle)) < 1e-6 else 'x %g, y %g m' % middle
+        wide = max(box_m[1] - box_m[0], box_m[3] - box_m[2])
+        self._check_pixels_of(box_m, cell_m, f'the {wide:.4g} m around {around}')
+        if not known.all() and wide > 2.0 * self.config.size_m and not self._has_told_gaps:
             self._has_told_gaps = True
             logger.warning('%s: %d of %d pixels around the window have no data and are filled',
                            self.path, int((~known).sum()), known.size)
         heights = harmonic_fill((heights - self.reference_m).astype(np.float32), known)
-        return Tile(heights, x, y, float(max(x[1] - x[0], y[1] - y[0])))
+        phase_y = 0.5 - self.row0 / factor
+        return Tile(heights, first, (0.5 - self.column0 / factor,
+                                     phase_y if self.south_up else -phase_y),
+                    (factor * self.pixel_x_m, factor * self.pixel_y_m))
 
-    def _check_pixels_of(self, half_m: float, cell_m: float, where: str) -> None:
+    def _check_pixels_of(self, box_m: Box, cell_m: float, where: str) -> None:
         """Raise WorldError if a part of the file holds marks of missing data that are undeclared.
 
         It is read pixel by pixel where it is not too large, else as it is averaged.
         """
-        factor, rows, columns = self._extent(half_m, cell_m)
+        factor, rows, columns = self._extent(box_m, cell_m, _CHECKED_AROUND)
         wide, high = columns.stop - columns.start, rows.stop - rows.start
         if wide * high > _MOST_CHECKED:
             heights, known = self._known(*self.read(rows, columns, factor))
@@ -175,38 +194,42 @@ class Raster(abc.ABC):
         known = known & np.isfinite(heights) & (np.abs(np.nan_to_num(heights)) < MAX_HEIGHT_M)
         return np.where(known, heights, 0.0), known
 
-    def _extent(self, half_m: float, cell_m: float) -> tuple[int, slice, slice]:
-        """Return the pixels that are averaged along a side, and the rows and columns of a window.
+    def _extent(self, box_m: Box, cell_m: float, pad: int) -> tuple[int, slice, slice]:
+        """Return the pixels that are averaged along a side, and the rows and columns of a box.
+
+        Averages begin at the same pixels whatever the box.
         """
         factor = max(int(cell_m / self.pixel_m), 1)
-        c0, c1 = _clip(self.column0, half_m / self.pixel_x_m, self.width, factor)
-        r0, r1 = _clip(self.row0, half_m / self.pixel_y_m, self.height, factor)
+        low, high = box_m[2:] if self.south_up else (-box_m[3], -box_m[2])
+        c0, c1 = _clip(self.column0 + box_m[0] / self.pixel_x_m,
+                       self.column0 + box_m[1] / self.pixel_x_m, self.width, factor, pad)
+        r0, r1 = _clip(self.row0 + low / self.pixel_y_m, self.row0 + high / self.pixel_y_m,
+                       self.height, factor, pad)
         if (c1 - c0) * (r1 - r0) > _MOST_READ:
-            raise WorldError(f'{self.path}: {2.0 * half_m:.4g} m are {c1 - c0} x {r1 - r0} pixels '
-                             f'of {self.pixel_x_m:g} x {self.pixel_y_m:g} m; valid are at most '
-                             f'{_MOST_READ}: resample it with `gdalwarp -tr`, or make '
+            raise WorldError(f'{self.path}: {box_m[1] - box_m[0]:.4g} m are {c1 - c0} x {r1 - r0} '
+                             f'pixels of {self.pixel_x_m:g} x {self.pixel_y_m:g} m; valid are at '
+                             f'most {_MOST_READ}: resample it with `gdalwarp -tr`, or make '
                              'world.size_m or world.surroundings.extent_m smaller')
         return factor, slice(r0, r1), slice(c0, c1)
 
-    def _window(self, half_m: float,
-                cell_m: float) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-        """Return heights, data mask (row 0 south), and pixel centres in x and y."""
-        factor, rows, columns = self._extent(half_m, cell_m)
+    def _window(self, box_m: Box, cell_m: float,
+                pad: int) -> tuple[NDArray, NDArray, tuple[int, int], int]:
+        """Return heights, data mask (row 0 south), the first averaged pixel, and the factor."""
+        factor, rows, columns = self._extent(box_m, cell_m, pad)
         c0, r0 = columns.start, rows.start
         if columns.stop - c0 < factor or rows.stop - r0 < factor:
             empty = np.empty((0, 0))
-            return empty, empty.astype(bool), empty[0:0], empty[0:0]
+            return empty, empty.astype(bool), (0, 0), factor
         heights, known = self._known(*self.read(rows, columns, factor))
-        x = (c0 + (np.arange(heights.shape[1]) + 0.5) * factor - self.column0) * self.pixel_x_m
-        y = (r0 + (np.arange(heights.shape[0]) + 0.5) * factor - self.row0) * self.pixel_y_m
-        if not self.south_up:
-            heights, known, y = heights[::-1], known[::-1], -y[::-1]
-        return heights, known, x, y
+        if self.south_up:
+            return heights, known, (c0 // factor, r0 // factor), factor
+        # Rows count from the north: the last one is the first, with the sign turned.
+        return (heights[::-1], known[::-1],
+                (c0 // factor, -(r0 // factor + heights.shape[0] - 1)), factor)
 
 
-def _clip(middle: float, half: float, size: int, factor: int) -> tuple[int, int]:
-    """Return the first and last pixel of a window with a margin, a multiple of the factor."""
-    pad = _PAD_PIXELS * factor
-    low = max(int(np.floor(middle - half)) - pad, 0)
-    high = min(int(np.ceil(middle + half)) + pad, size)
-    return low, low + max(high - low, 0) // factor * factor
+def _clip(low: float, high: float, size: int, factor: int, pad: int) -> tuple[int, int]:
+    """Return the first and last pixel of a window with a margin, multiples of the factor."""
+    first = max(math.floor(low / factor) - pad, 0) * factor
+    last = min(math.ceil(high / factor) + pad, size // factor) * factor
+    return first, first + max(last - first, 0)

@@ -1,4 +1,4 @@
-"""Self-affine relief, synthesised band by band so that nested levels share one spectrum.
+"""Self-affine relief of a place, band by band, so that nested levels share one spectrum.
 
 The relief is Gaussian with an isotropic power spectrum S(k), k in rad/m, whose variance is the
 integral of S d2k / (2 pi)2. S ~ k^(-2 - 2H) makes the RMS deviation over a baseline L grow as
@@ -7,13 +7,16 @@ L^H, H being the Hurst exponent (Shepard et al. 2001, "The roughness of natural 
 
 from __future__ import annotations
 
+import collections
 from collections.abc import Callable
+import functools
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 import scipy  # its parts when they are used
 
+from lunar_rover_sim.ground.world import streams
 from lunar_rover_sim.ground.world.config import ReliefConfig
 from lunar_rover_sim.ground.world.grid import height_step_m, round_to
 
@@ -21,6 +24,7 @@ Spectrum = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 # Wavelength, in cells of the coarser one, at which two neighbouring levels share the power.
 SPLIT_CELLS = 5.0
+_MOST_BLOCKS = 160         # that are kept, 1 MB each
 
 
 def smoothstep(x: ArrayLike) -> NDArray[np.float64]:
@@ -68,60 +72,95 @@ def _gain(S: Spectrum, rms_slope_deg: float, baseline_m: float) -> float:
     return wanted / unit if unit > 0.0 else 0.0
 
 
-def synthesise(S: Spectrum, n: int, cell_m: float, parent_cell_m: float | None, finest: bool,
-               rng: np.random.Generator) -> NDArray[np.float32]:
-    """Return (n, n) heights [m] with the part of S(k) that belongs to a level.
+BLOCK, REACH = 512, 128     # cells of a block of relief, and of its kernel to either side
+_PERIOD = 1024              # cells, of the transform that gives the kernel
 
-    These are the wavelengths below the split with its parent (the next coarser level, whose cell
-    is `parent_cell_m`; None if there is none, which sets no limit) and above the split with its
-    child. The finest level has no child: its wavelengths fade out from 4 to 2 cells.
+
+@functools.lru_cache(maxsize=32)
+def _kernel(config: ReliefConfig, cell_m: float, parent_cell_m: float | None,
+            finest: bool) -> NDArray[np.complex128] | None:
+    """Return the transform of the kernel that makes a level's relief of white noise.
+
+    The level has the wavelengths below the split with its parent (the next coarser level; None if
+    there is none, which sets no limit) and above the split with its child. The finest level has no
+    child: its wavelengths fade out from 4 to 2 cells.
+
+    Returns:
+        Of (BLOCK + 2 REACH) samples along a side; None if the level is smooth.
     """
-    # The transform is periodic: a margin of the longest wavelength keeps opposite edges apart.
-    margin = 8 if parent_cell_m is not None else n // 4
-    size = scipy.fft.next_fast_len(n + margin, real=True)
-    k_axis = 2.0 * np.pi * scipy.fft.fftfreq(size, cell_m)
-    k_half = np.abs(k_axis[:size // 2 + 1])
-    table_k = np.linspace(0.0, 1.5 * np.pi / cell_m, 16384)
-    table_k[0] = table_k[1]
-    too_short = (smoothstep(np.log2(table_k * cell_m / (0.5 * np.pi))) if finest
-                 else high_pass(table_k, SPLIT_CELLS * cell_m))
-    power = S(table_k) * (1.0 - too_short)
+    k_axis = np.abs(2.0 * np.pi * scipy.fft.fftfreq(_PERIOD, cell_m))
+    k = np.hypot(k_axis[:, None], k_axis[:_PERIOD // 2 + 1])
+    k[0, 0] = k[0, 1]
+    too_short = (smoothstep(np.log2(k * cell_m / (0.5 * np.pi))) if finest
+                 else high_pass(k, SPLIT_CELLS * cell_m))
+    power = spectrum(config)(k) * (1.0 - too_short)
     if parent_cell_m is not None:
-        power = power * high_pass(table_k, SPLIT_CELLS * parent_cell_m)
-    power[0] = 0.0
+        power *= high_pass(k, SPLIT_CELLS * parent_cell_m)
+    power[0, 0] = 0.0
     if not np.any(power):
-        return np.zeros((n, n), np.float32)
-    table = np.sqrt(power) / cell_m
-    wave = _white_spectrum(size, rng)
-    scale = (len(table) - 1) / table_k[-1]
-    k2_half = k_half * k_half
-    rise = np.diff(table)
-    for j, ky in enumerate(k_half):
-        index = np.sqrt(k2_half + ky * ky) * scale
-        lower = index.astype(np.int32)
-        index -= lower
-        index *= rise[lower]
-        index += table[lower]
-        wave[j] *= index
-        if 0 < j < (size + 1) // 2:
-            wave[-j] *= index       # the row of -ky
-    heights = scipy.fft.irfft2(wave, s=(size, size), overwrite_x=True)
-    round_to(heights, height_step_m(cell_m))
-    return heights[:n, :n].astype(np.float32)
+        return None
+    kernel = scipy.fft.irfft2(np.sqrt(power) / cell_m, s=(_PERIOD, _PERIOD))
+    index = np.minimum(np.arange(_PERIOD), _PERIOD - np.arange(_PERIOD))
+    kernel *= 1.0 - smoothstep((np.hypot(index[:, None], index) / REACH - 0.7) / 0.3)
+    size = BLOCK + 2 * REACH
+    near = np.r_[0:REACH + 1, -REACH:0]
+    cut = np.zeros((size, size))
+    cut[np.ix_(near, near)] = kernel[np.ix_(near, near)]
+    return np.asarray(scipy.fft.rfft2(cut))
 
 
-def _white_spectrum(size: int, rng: np.random.Generator) -> NDArray[np.complex128]:
-    """Return the (size, size // 2 + 1) real transform of white noise of unit variance.
+class Relief:
+    """The relief of one seed on the lattices of all levels, block by block.
 
-    It is drawn where it is needed. Its components are uniform, not normal: heights are sums of so
-    many of them that they are normal all the same, and uniform numbers are exact and quick.
+    White noise of a block and `REACH` cells around it is filtered by the kernel of the spectrum,
+    so that a block is the same whatever is made beside it.
     """
-    wave = rng.random((size, size // 2 + 1, 2))
-    wave -= 0.5
-    wave *= size * math.sqrt(6.0)       # half of the variance, 1/12 before, for each component
-    result = wave.view(np.complex128)[..., 0]
-    # The columns that are their own mirror images are transforms of real lines.
-    for column in (0, size // 2) if size % 2 == 0 else (0,):
-        line = (rng.random(size) - 0.5) * math.sqrt(12.0 * size)
-        result[:, column] = scipy.fft.fft(line)
-    return result
+
+    def __init__(self, config: ReliefConfig, seed: int) -> None:
+        self.config, self.seed = config, seed
+        self._blocks: collections.OrderedDict[
+            tuple[int, int, int], NDArray[np.float32]] = collections.OrderedDict()
+
+    def detail(self, level: int, cell_m: float, parent_cell_m: float | None,
+               first: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.float32]:
+        """Return heights [m] with the part of the spectrum that belongs to a level.
+
+        Args:
+            level: 0 is the finest.
+            parent_cell_m: Of the next coarser one.
+            first: Column and row of the level's lattice at which they begin.
+            shape: Rows and columns.
+        """
+        heights = np.zeros(shape, np.float32)
+        kernel = _kernel(self.config, cell_m, parent_cell_m, level == 0)
+        if kernel is None:
+            return heights
+        (left, low), (rows, columns) = first, shape
+        for y in range(low // BLOCK, (low + rows - 1) // BLOCK + 1):
+            for x in range(left // BLOCK, (left + columns - 1) // BLOCK + 1):
+                block = self._block(level, cell_m, kernel, x, y)
+                a, b = max(low, y * BLOCK), min(low + rows, (y + 1) * BLOCK)
+                c, d = max(left, x * BLOCK), min(left + columns, (x + 1) * BLOCK)
+                heights[a - low:b - low, c - left:d - left] = block[
+                    a - y * BLOCK:b - y * BLOCK, c - x * BLOCK:d - x * BLOCK]
+        return heights
+
+    def _block(self, level: int, cell_m: float, kernel: NDArray[np.complex128], x: int,
+               y: int) -> NDArray[np.float32]:
+        if (level, x, y) in self._blocks:
+            self._blocks.move_to_end((level, x, y))
+            return self._blocks[level, x, y]
+        size = BLOCK + 2 * REACH
+        noise = streams.blocks(self.seed, f'relief {level}',
+                               (x * BLOCK - REACH, y * BLOCK - REACH), (size, size))
+        # Uniform, not normal: heights are sums of so many that they are normal all the same, and
+        # uniform numbers are exact and quick.
+        wave = scipy.fft.rfft2((noise.astype(np.float64) - 0.5) * math.sqrt(12.0))
+        wave *= kernel
+        heights = scipy.fft.irfft2(wave, s=(size, size), overwrite_x=True)
+        heights = np.ascontiguousarray(heights[REACH:-REACH, REACH:-REACH])
+        round_to(heights, height_step_m(cell_m))
+        self._blocks[level, x, y] = heights.astype(np.float32)
+        if len(self._blocks) > _MOST_BLOCKS:
+            self._blocks.popitem(last=False)
+        return self._blocks[level, x, y]

@@ -1,8 +1,15 @@
-"""The population of rocks: how many of each size, where they lie, and how deep."""
+"""The population of rocks: how many of each size, where they lie, and how deep.
+
+Candidates are drawn tile by tile. One that overlaps a larger candidate is left out, whether that
+one is left out itself or not: so which rocks are at a place depends on its surroundings alone. How
+a rock lies follows from its key.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import logging
+import math
 from typing import Protocol
 
 import numpy as np
@@ -10,16 +17,47 @@ from numpy.typing import ArrayLike, NDArray
 import scipy  # its parts when they are used
 
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, product_wxyz
+from lunar_rover_sim.ground.world import rays, streams
 from lunar_rover_sim.ground.world.config import RockConfig, SITES
 from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.grid import (ALBEDO_STEP, height_step_m, HeightGrid, on_lattice,
-                                               round_to, significant, window_of)
+                                               part_of, round_to, significant)
 from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
 
 logger = logging.getLogger(__name__)
 
+Box = tuple[float, float, float, float]     # x low, x high, y low, y high [m]
+
 _FILLET_CELLS = 5.0     # of the grid, along the diameter of the smallest rock with a fillet
 _POSITION_STEP_M, _ORIENTATION_STEP = 2.0**-20, 2.0**-24
+_FRESH = 0.25           # greatest age of a crater around which rocks gather, in lifetimes
+_RIM_REACH = 2.6        # radii of a crater to which they gather
+_OVERLAP = 0.45         # rocks whose middles are nearer than that of the sum of diameters overlap
+_MOST_CROWDED = 3.0     # of the expected number of larger rocks in the way of one that is made up
+_KEYS = 100             # number of the first kind of rocks among the kinds of things with keys
+
+
+@dataclasses.dataclass(frozen=True)
+class _Kind:
+    """Rocks of similar size, which are drawn together.
+
+    Attributes:
+        number: Of the kind.
+        least_m: Smallest diameter.
+        tile_m: Side of a tile.
+        crater_m: Least diameter of a crater around which they gather. Large rocks come from large
+            craters, and of those all are known far around a window.
+        rays: Whether they lie in the rays of craters, too.
+    """
+
+    number: int
+    least_m: float
+    tile_m: float
+    crater_m: float
+    rays: bool = False
+
+
+_KINDS = (_Kind(0, 0.0, 12.8, 0.8), _Kind(1, 0.075, 12.8, 1.6), _Kind(2, 0.3, 51.2, 12.8, True))
 
 
 class Elevation(Protocol):
@@ -63,140 +101,196 @@ def size_classes(config: RockConfig) -> Array:
 def no_rocks(config: RockConfig) -> Rocks:
     """Return an empty field."""
     return _rocks(np.empty(0, int), np.empty(0, int), np.empty((0, 3)), np.empty((0, 4)),
-                  np.empty(0), size_classes(config))
+                  np.empty(0), size_classes(config), np.empty(0, np.uint64))
 
 
-def scatter(config: RockConfig, ground: HeightGrid, shapes: tuple[RockShape, ...],
-            craters: Craters, clear_radius_m: float, rng: np.random.Generator) -> Rocks:
-    """Return rocks laid on the ground.
+@dataclasses.dataclass(frozen=True)
+class Population:
+    """Rocks before they are laid on the ground, the largest first; arrays of equal length m.
 
-    The number and the sizes follow the distribution; rocks are denser around the rims of fresh
-    craters. Larger rocks are placed first; a smaller one that would overlap them is moved, and
-    left out after 12 attempts. No rock lies near the origin, where the rover starts.
+    Attributes:
+        xy_m: (m, 2) places, frame of the site.
+        size: (m,) index into `size_classes`.
+        key: (m,) uint64 that a rock keeps in all windows of its site.
     """
-    if config.abundance == 0.0 or config.max_number == 0:
-        return no_rocks(config)
-    side = 2.0 * ground.half_extent_m
-    diameter = _diameters(config, side * side, rng)
+
+    xy_m: Array
+    size: NDArray[np.int64]
+    key: streams.Keys
+
+    def select(self, chosen: NDArray) -> Population:
+        """Return the rocks at the chosen indices, or where a mask is true."""
+        return Population(self.xy_m[chosen], self.size[chosen], self.key[chosen])
+
+
+def rates_per_m2(config: RockConfig) -> Array:
+    """Return how many candidates of each class are drawn per m2 of the plain, smallest first.
+
+    They are more than the law has by those that overlap a larger one.
+    """
+    edges = np.geomspace(config.min_diameter_m, config.max_diameter_m, config.size_classes + 1)
+    number = np.maximum(-np.diff(number_per_m2(config, edges)), 0.0)
+    # The smallest are left out where there would be too many.
+    above = np.append(np.cumsum(number[::-1])[::-1], 0.0)
+    number = np.diff(-np.minimum(above, config.max_per_m2))
     classes = size_classes(config)
-    size = np.clip(np.searchsorted(np.sqrt(classes[1:] * classes[:-1]), diameter), 0,
-                   len(classes) - 1)
-    diameter = classes[size]
-    cells = int(np.clip(ground.half_extent_m * 2.0 / 0.2, 8, 512))
-    density = relative_density(config, ground.half_extent_m, cells, craters)
-    xy, kept = _places(diameter, (np.cumsum(density.ravel()), cells), ground, clear_radius_m, rng)
-    rocks = laid(config, ground, shapes, xy[kept], size[kept], rng)
-    logger.info('%d rocks from %.2g to %.2g m', len(rocks), rocks.diameter_m.min(initial=np.inf),
-                rocks.diameter_m.max(initial=0.0))
-    return rocks
+    rates = np.zeros(len(classes))
+    for k in reversed(range(len(classes))):
+        meeting = np.pi * (_OVERLAP * (classes[k] + classes[k:]))**2
+        larger = rates[k:] * meeting
+        larger[0] = 0.5 * number[k] * meeting[0]    # of its own class, one of two
+        rates[k] = number[k] * math.exp(min(larger.sum(), _MOST_CROWDED))
+    return rates
 
 
-def laid(config: RockConfig, ground: Elevation, shapes: tuple[RockShape, ...], xy_m: Array,
-         size: NDArray[np.integer], rng: np.random.Generator) -> Rocks:
-    """Return rocks of given sizes laid on the ground at (m, 2) places.
+def population(config: RockConfig, seed: int, box: Box, craters: Craters, clear_radius_m: float,
+               least_m: float = 0.0) -> Population:
+    """Return the rocks whose middles lie in a box.
 
     Args:
-        size: (m,) index into `size_classes`; shape, burial, tilt and albedo are drawn.
+        craters: All that reach `known_around` of the box.
+        clear_radius_m: None lies within that distance of the origin, where the rover starts.
+        least_m: Those of smaller kinds need not be among them.
     """
+    classes, rates = size_classes(config), rates_per_m2(config)
+    margin = 2.0 * _OVERLAP * config.max_diameter_m
+    around = (box[0] - margin, box[1] + margin, box[2] - margin, box[3] + margin)
+    fresh = craters.select((craters.age < _FRESH))
+    fresh = fresh.select(np.argsort(fresh.key, kind='stable'))
+    parts = []
+    for kind, end_m in zip(_KINDS, [*(k.least_m for k in _KINDS[1:]), math.inf]):
+        chosen = np.flatnonzero((classes >= kind.least_m) & (classes < end_m))
+        if not len(chosen) or end_m <= least_m or not rates[chosen].any():
+            continue
+        near = fresh.select(fresh.diameter_m > kind.crater_m)
+        columns, rows = (range(math.floor(a / kind.tile_m), math.floor(b / kind.tile_m) + 1)
+                         for a, b in (around[:2], around[2:]))
+        parts += [_tile(config, seed, kind, chosen, rates[chosen], (x, y), near)
+                  for y in rows for x in columns]
+    if not parts:
+        return Population(np.empty((0, 2)), np.empty(0, np.int64), np.empty(0, np.uint64))
+    drawn = Population(*(np.concatenate(column) for column in zip(*parts)))
+    drawn = drawn.select(_within(drawn.xy_m, around))
+    drawn = drawn.select(np.lexsort((drawn.key, -drawn.size)))
+    diameter = classes[drawn.size]
+    clear = np.hypot(*drawn.xy_m.T) >= clear_radius_m + 3.0 * diameter
+    return drawn.select(apart(drawn.xy_m, diameter) & clear & _within(drawn.xy_m, box))
+
+
+def known_around(config: RockConfig, box: Box) -> Box:
+    """Return within what the craters must be known that `population` takes for a box."""
+    side = max(kind.tile_m for kind in _KINDS)
+    margin = 2.0 * _OVERLAP * config.max_diameter_m
+    low, high = ([side * (math.floor(edge / side) + more) for edge in edges]
+                 for more, edges in ((0, (box[0] - margin, box[2] - margin)),
+                                     (1, (box[1] + margin, box[3] + margin))))
+    return low[0], high[0], low[1], high[1]
+
+
+def scatter(config: RockConfig, seed: int, ground: HeightGrid, shapes: tuple[RockShape, ...],
+            craters: Craters, clear_radius_m: float) -> tuple[Rocks, Population]:
+    """Return the rocks that lie on the ground, and all of those whose soil reaches it.
+
+    Their number and sizes follow the law; they are denser around the rims of fresh craters.
+
+    Args:
+        craters: All that reach `known_around` of the ground.
+    """
+    (x, y), half = ground.middle_m, ground.half_extent_m
+    reach = half + config.max_diameter_m
+    found = population(config, seed, (x - reach, x + reach, y - reach, y + reach), craters,
+                       clear_radius_m)
+    away = np.abs(found.xy_m - ground.middle_m).max(axis=1)
+    rocks = laid(config, ground, shapes,
+                 found.select(away <= half - size_classes(config)[found.size]))
+    if len(rocks):
+        logger.info('%d rocks from %.2g to %.2g m', len(rocks), rocks.diameter_m.min(),
+                    rocks.diameter_m.max())
+    return rocks, found
+
+
+def laid(config: RockConfig, ground: Elevation, shapes: tuple[RockShape, ...],
+         rocks: Population) -> Rocks:
+    """Return rocks laid on the ground; their keys give shape, burial, turn, tilt and albedo."""
     classes = size_classes(config)
-    diameter, count = classes[size], len(size)
-    shape = rng.integers(0, len(shapes), count)
+    diameter = classes[rocks.size]
+    drawn = streams.uniforms(rocks.key, 'rocks', 3)
+    shape = (drawn[:, 0] * len(shapes)).astype(np.int64)
     # With this beta distribution most rocks are buried shallowly, and some up to the crown.
-    buried = rng.beta(2.4, 2.4 * (1.0 - config.burial) / config.burial, count)
-    position, orientation = _settle(ground, shapes, shape, diameter, xy_m, buried,
-                                    config.max_height, np.radians(config.tilt_deg), rng)
-    albedo = np.clip(1.0 + config.albedo_variation * rng.standard_normal(count), 0.6, 1.4)
-    return _rocks(shape, size, position, orientation, albedo, classes)
+    buried = scipy.special.betaincinv(2.4, 2.4 * (1.0 - config.burial) / config.burial,
+                                      drawn[:, 1])
+    normal = streams.normals(rocks.key, 'rocks', 3)
+    lean = np.radians(config.tilt_deg) / np.sqrt(2.0) * normal[:, :2]
+    position, orientation = _settle(ground, shapes, shape, diameter, rocks.xy_m, buried,
+                                    config.max_height, lean, (2.0 * drawn[:, 2] - 1.0) * np.pi)
+    albedo = np.clip(1.0 + config.albedo_variation * normal[:, 2], 0.6, 1.4)
+    return _rocks(shape, rocks.size, position, orientation, albedo, classes, rocks.key)
 
 
-def fillets(config: RockConfig, ground: HeightGrid, rocks: Rocks,
-            rng: np.random.Generator) -> HeightGrid:
+def fillets(config: RockConfig, ground: HeightGrid, rocks: Population) -> HeightGrid:
     """Return ground on which soil has gathered around the feet of rocks.
 
     Meteoroids throw soil about, and rocks keep what falls beside them: the longer they lie there,
     the higher. It is highest at the rock, and falls to nothing 0.35 diameters away.
     """
-    cell, n = ground.cell_m, ground.n
-    share = rng.uniform(0.0, 2.0, len(rocks))
-    if config.fillet == 0.0 or not np.any(rocks.diameter_m > _FILLET_CELLS * cell):
+    cell = ground.cell_m
+    diameters = size_classes(config)[rocks.size]
+    share = 2.0 * streams.uniforms(rocks.key, 'fillets', 1)[:, 0]
+    large = np.flatnonzero(diameters > _FILLET_CELLS * cell)
+    if config.fillet == 0.0 or not len(large):
         return ground
-    soil = np.zeros((n, n), np.float32)
-    for k in np.flatnonzero(rocks.diameter_m > _FILLET_CELLS * cell):
-        diameter = rocks.diameter_m[k]
-        x, y = rocks.position_m[k, :2] / cell + 0.5 * (n - 1)
-        window = window_of(x, y, 0.85 * diameter / cell, n)
+    soil = np.zeros_like(ground.heights_m)
+    left, bottom = ground.first
+    first = math.floor(left), math.floor(bottom)
+    for k in large:
+        diameter = diameters[k]
+        # On the lattice of the site, so that all windows give one result.
+        x, y = rocks.xy_m[k] / cell - (left - first[0], bottom - first[1])
+        window = part_of(x, y, 0.85 * diameter / cell, first, soil.shape)
         if window is None:
             continue
         rows, columns = np.ogrid[window]
-        away = np.sqrt((columns - x)**2 + (rows - y)**2) * cell / diameter
+        away = np.sqrt((columns + first[0] - x)**2 + (rows + first[1] - y)**2) * cell / diameter
         outside = np.clip((away - 0.42) / 0.35, 0.0, 1.0)
         height = config.fillet * share[k] * diameter * (1.0 - outside * outside)**2
         soil[window] = np.maximum(soil[window], height)
     heights = ground.heights_m + soil
     round_to(heights, height_step_m(cell))
     heights.setflags(write=False)
-    return HeightGrid(heights, cell)
+    return dataclasses.replace(ground, heights_m=heights)
 
 
-def _diameters(config: RockConfig, area_m2: float, rng: np.random.Generator) -> Array:
-    """Return diameters, largest first."""
-    grid = np.geomspace(config.min_diameter_m, config.max_diameter_m, 2049)
-    above = number_per_m2(config, grid) * area_m2
-    count = int(rng.poisson(above[0]))
-    kept = min(count, config.max_number)
-    diameter = np.interp(rng.uniform(0.0, above[0], count), above[::-1], grid[::-1])
-    diameter = np.sort(diameter)[::-1][:kept]
-    if kept < count:
-        logger.warning('rocks.max_number: %d of %d rocks are left out, all below %.3g m',
-                       count - kept, count, diameter.min(initial=np.inf))
-    return diameter
+def _within(xy_m: Array, box: Box) -> NDArray[np.bool_]:
+    x, y = xy_m.T
+    return np.asarray((x >= box[0]) & (x < box[1]) & (y >= box[2]) & (y < box[3]))
 
 
-def relative_density(config: RockConfig, half_extent_m: float, n: int, craters: Craters) -> Array:
-    """Return the (n, n) density of rocks over cells of [-h, h]^2; 1 far from fresh craters."""
-    density = np.ones((n, n))
-    cell = 2.0 * half_extent_m / n
-    fresh = (craters.age < 0.25) & (craters.diameter_m > 0.8)
-    for (x, y), diameter, age in zip(craters.position_m[fresh], craters.diameter_m[fresh],
-                                     craters.age[fresh]):
-        window = window_of((x + half_extent_m) / cell - 0.5, (y + half_extent_m) / cell - 0.5,
-                           1.3 * diameter / cell, n)
-        if window is None:
-            continue
-        axis = (np.arange(n) + 0.5) * cell - half_extent_m
-        rho = np.hypot(axis[window[1]] - x, (axis[window[0]] - y)[:, None]) / (0.5 * diameter)
-        density[window] += (config.near_craters * (1.0 - age / 0.25)
-                            * np.exp(-0.5 * ((rho - 1.15) / 0.4) ** 2))
-    return density
-
-
-def _places(diameter: Array, cumulative: tuple[Array, int], ground: HeightGrid,
-            clear_radius_m: float, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
-    """Return (m, 2) positions for rocks in descending order of size, and which are valid."""
-    total, n = cumulative
-    cell = 2.0 * ground.half_extent_m / n
-    xy = np.empty((len(diameter), 2))
-    todo = np.arange(len(diameter))
-    for _ in range(12):
-        index = np.searchsorted(total, rng.uniform(0.0, total[-1], len(todo)))
-        index = np.minimum(index, n * n - 1)
-        corner = np.stack([index % n, index // n], axis=-1)
-        xy[todo] = (corner + rng.random((len(todo), 2))) * cell - ground.half_extent_m
-        todo = _misplaced(xy, diameter, ground, clear_radius_m)
-        if not len(todo):
-            break
-    kept = np.ones(len(diameter), bool)
-    kept[todo] = False
-    return xy, kept
-
-
-def _misplaced(xy: Array, diameter: Array, ground: HeightGrid,
-               clear_radius_m: float) -> NDArray[np.int64]:
-    """Return the rocks that touch the clearing, the border, or a larger rock."""
-    clearing = clear_radius_m + 3.0 * diameter
-    bad = np.linalg.norm(xy, axis=1) < clearing
-    bad |= np.abs(xy).max(axis=1) > ground.half_extent_m - diameter
-    return np.flatnonzero(bad | ~apart(xy, diameter))
+def _tile(config: RockConfig, seed: int, kind: _Kind, classes: NDArray[np.int64], rates: Array,
+          tile: tuple[int, int],
+          craters: Craters) -> tuple[Array, NDArray[np.int64], streams.Keys]:
+    """Return places, sizes and keys of the candidates of a kind on a tile."""
+    side = kind.tile_m
+    reach = 0.5 * craters.diameter_m * (rays.RAY_REACH if kind.rays else _RIM_REACH)
+    away = np.abs(craters.position_m - (np.array(tile) + 0.5) * side).max(axis=1, initial=0.0)
+    near = craters.select(away < reach + 0.5 * side)
+    amount = config.near_craters * (1.0 - near.age / _FRESH)
+    most = 1.0 + amount.sum() * (2.0 if kind.rays else 1.0)
+    rng = streams.generator(seed, f'rocks {kind.number}', *tile)
+    counts = rng.poisson(rates * (most * side * side))
+    size = np.repeat(classes, counts)
+    drawn = rng.random((len(size), 3))
+    xy = on_lattice((np.array(tile) + drawn[:, :2]) * side, _POSITION_STEP_M)
+    density = np.ones(len(size))
+    for i in range(len(near)):
+        place = (xy - near.position_m[i]) / (0.5 * near.diameter_m[i])
+        rho = np.hypot(*place.T)
+        density += np.where(rho < _RIM_REACH,
+                            amount[i] * np.exp(-0.5 * ((rho - 1.15) / 0.4)**2), 0.0)
+        if kind.rays:
+            density += amount[i] * np.minimum(rays.strength(near, i, *place.T), 1.0)
+    taken = drawn[:, 2] * most < density
+    key = streams.keys(_KEYS + kind.number, *tile, len(size))
+    return xy[taken], size[taken], key[taken]
 
 
 def apart(xy: Array, diameter: Array) -> NDArray[np.bool_]:
@@ -209,20 +303,25 @@ def apart(xy: Array, diameter: Array) -> NDArray[np.bool_]:
     while start < len(diameter):
         # One query for rocks of similar size; the reach of the largest bounds that of the others.
         stop = int(np.searchsorted(-diameter, -0.6 * diameter[start], side='right'))
-        for i, near in zip(range(start, stop),
-                           tree.query_ball_point(xy[start:stop], 0.9 * diameter[start])):
+        around = tree.query_ball_point(xy[start:stop], 2.0 * _OVERLAP * diameter[start])
+        for i, near in zip(range(start, stop), around):
             later = np.array([j for j in near if j > i], int)
             if len(later):
                 gap = np.linalg.norm(xy[later] - xy[i], axis=1)
-                free[later[gap < 0.45 * (diameter[later] + diameter[i])]] = False
+                free[later[gap < _OVERLAP * (diameter[later] + diameter[i])]] = False
         start = stop
     return free
 
 
 def _settle(ground: Elevation, shapes: tuple[RockShape, ...], shape: NDArray, diameter: Array,
-            xy: Array, buried: Array, max_height: float, tilt_rad: float,
-            rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return centroids (m, 3) and orientations (m, 4) of rocks that sit in the ground."""
+            xy: Array, buried: Array, max_height: float, lean: Array,
+            yaw: Array) -> tuple[Array, Array]:
+    """Return centroids (m, 3) and orientations (m, 4) of rocks that sit in the ground.
+
+    Args:
+        lean: (m, 2) tilt towards x and y against the ground [rad].
+        yaw: (m,) turn about the vertical [rad].
+    """
     count = len(diameter)
     ring = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
     around = np.stack([np.cos(ring), np.sin(ring)], axis=-1)
@@ -230,11 +329,10 @@ def _settle(ground: Elevation, shapes: tuple[RockShape, ...], shape: NDArray, di
     rim = ground.height_at(xy[:, None] + reach)
     slope = np.einsum('mi,ik->mk', rim, around) / (4.0 * 0.45 * diameter[:, None])
     height = np.minimum(ground.height_at(xy), rim.mean(axis=1))
-    # Each rock is turned about the vertical at random, then tilted with the ground and at random.
-    lean = np.clip(-slope, -1.0, 1.0) + tilt_rad / np.sqrt(2.0) * rng.standard_normal((count, 2))
+    # Each rock is turned about the vertical, then tilted with the ground.
+    lean = np.clip(-slope, -1.0, 1.0) + lean
     angle = np.linalg.norm(lean, axis=1)
     axis = np.column_stack([-lean[:, 1], lean[:, 0]]) / np.maximum(angle, 1e-12)[:, None]
-    yaw = rng.uniform(-np.pi, np.pi, count)
     w, s = np.cos(angle / 2), np.sin(angle / 2)
     tilt = np.column_stack([w, axis[:, 0] * s, axis[:, 1] * s, np.zeros(count)])
     c, d = np.cos(yaw / 2), np.sin(yaw / 2)
@@ -257,13 +355,14 @@ def _settle(ground: Elevation, shapes: tuple[RockShape, ...], shape: NDArray, di
 
 
 def _rocks(shape: NDArray, size: NDArray, position: Array, orientation: Array, albedo: NDArray,
-           classes: Array) -> Rocks:
+           classes: Array, key: streams.Keys) -> Rocks:
     turn = on_lattice(orientation, _ORIENTATION_STEP)
     w, x, y, z = turn.T
     turn = turn / np.sqrt(w * w + x * x + y * y + z * z)[:, None]
     arrays = (shape.astype(np.int32), size.astype(np.int32),
               on_lattice(position, _POSITION_STEP_M), turn,
-              on_lattice(albedo, ALBEDO_STEP).astype(np.float32), classes.astype(np.float64))
+              on_lattice(albedo, ALBEDO_STEP).astype(np.float32), classes.astype(np.float64),
+              key.copy())
     for array in arrays:
         array.setflags(write=False)
     return Rocks(*arrays)

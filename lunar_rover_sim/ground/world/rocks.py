@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def numbered(count: int) -> NDArray[np.uint32]:
+def numbered(count: int) -> NDArray[np.uint64]:
     """Return keys for things that are in no site, read-only."""
-    keys = np.arange(count, dtype=np.uint32)
+    keys = np.arange(count, dtype=np.uint64)
     keys.setflags(write=False)
     return keys
 
@@ -41,7 +41,7 @@ class Rocks:
         albedo: (m,) float32 factor on the single-scattering albedo of the rock parameter set.
         size_classes_m: (k,) diameters [m]; sizes come in classes so that physics and camera can
             share one mesh among many rocks.
-        key: (m,) uint32 that a rock keeps in all windows of its site: the key of its looks. Rocks
+        key: (m,) uint64 that a rock keeps in all windows of its site: the key of its looks. Rocks
             made without keys are numbered.
     """
 
@@ -51,7 +51,7 @@ class Rocks:
     orientation_wxyz: NDArray[np.float64]
     albedo: NDArray[np.float32]
     size_classes_m: NDArray[np.float64]
-    key: NDArray[np.uint32] = dataclasses.field(default_factory=lambda: np.zeros(0, np.uint32))
+    key: NDArray[np.uint64] = dataclasses.field(default_factory=lambda: np.zeros(0, np.uint64))
 
     def __post_init__(self) -> None:
         if len(self.key) != len(self.shape):

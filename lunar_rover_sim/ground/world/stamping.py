@@ -1,63 +1,130 @@
-"""Drawing craters into a height field and into an albedo map, oldest first.
-
-Rays of fresh craters are narrow sectors in which ejected rocks and bright soil lie farther out.
-Those of lunar craters reach several radii and are narrow and irregular. Their number, width and
-reach here are choices that look like those of metre- to decametre-sized craters in orbital images.
-"""
+"""Drawing craters into heights, oldest first, and their bright soil into an albedo map."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.ground.world import streams
 from lunar_rover_sim.ground.world.config import CraterConfig
 from lunar_rover_sim.ground.world.craters import Craters, profile_table, RADII, REACH
-from lunar_rover_sim.ground.world.grid import ALBEDO_STEP, on_lattice, window_of
+from lunar_rover_sim.ground.world.grid import ALBEDO_STEP, on_lattice, part_of
 from lunar_rover_sim.ground.world.relief import smoothstep
+from lunar_rover_sim.ground.world.spline import Area
 
+COARSER = 4             # the lattice on which planes are fitted, in cells of the heights
 # A crater erases the relief up to the first radius and leaves it unchanged from the second on.
 _ERASED, _UNTOUCHED = 0.85, 1.45
-# Below this radius [cells] the ground under a crater is smooth anyway.
-_LEAST_FLATTENED = 5.0
+_FITTED = 1.2           # radii, of the square to which a plane is fitted
+# Below this diameter [cells] the ground under a crater is smooth anyway.
+FLATTENED_CELLS = 10.0   # diameter
 _PLANE_STEP_M = 2.0**-20  # lattice of the plane's height, and of its rise over a radius
 
 
-def stamp(heights: NDArray[np.float32], cell_m: float, craters: Craters, config: CraterConfig,
-          rng: np.random.Generator) -> None:
-    """Draw craters into heights [m] (row 0 south, centred on the origin), in order of time.
+def plane_margin_m(largest_m: float) -> float:
+    """Return how far beyond an area craters and ground decide its planes.
+
+    The plane of a crater is fitted where those of the next larger band lie, and so on: 0.85
+    diameters from the middle to a corner, `REACH` radii of the larger one, each band twice the
+    other.
+    """
+    return 2.0 * (0.85 + 0.5 * REACH) * largest_m
+
+
+def stamp(ground: Area, craters: Craters, config: CraterConfig, coarse: Area | None = None) -> None:
+    """Draw craters into heights [m], in place, in order of time.
 
     Within its rim a crater erases the previous relief: the ground is drawn towards its best-fit
     plane, which keeps the large-scale slope, and the profile for its age is added. The older the
-    crater, the less of the relief it erases, since new relief has formed.
+    crater, the less of the relief it erases, since new relief has formed. The plane is that of the
+    ground with all craters of twice the size or more.
+
+    Args:
+        ground: To draw into.
+        craters: In the frame of the site.
+        config: Of their profiles.
+        coarse: The ground before craters on a lattice `COARSER` times as wide, with a margin, see
+            `plane_margin_m`; it is changed. By default it is taken from `ground`.
     """
-    table = profile_table(config)
-    order = np.argsort(-craters.time, kind='stable')
+    order = np.lexsort((craters.key, -craters.time))
+    craters = craters.select(order)
+    if coarse is None:
+        first = [-(-f // COARSER) for f in ground.first]
+        start = [COARSER * c - f for c, f in zip(first, ground.first)]
+        coarse = Area(ground.values[start[1]::COARSER, start[0]::COARSER].copy(),
+                      (first[0], first[1]), COARSER * ground.cell_m)
     # Two to four lobes with random phases shape the outline; their power falls with the order.
-    weights = config.irregularity * np.array([0.75, 0.5, 0.43])
-    lobes = (rng.standard_normal((len(craters), 3)) + 1j * rng.standard_normal((len(craters), 3))
-             ) * weights
-    half = 0.5 * (heights.shape[0] - 1)
+    drawn = streams.normals(craters.key, 'outline', 6)
+    lobes = (drawn[:, :3] + 1j * drawn[:, 3:]) * (
+        config.irregularity * np.array([0.75, 0.5, 0.43]))
+    planes = _planes(coarse, ground.cell_m, craters, config, lobes)
+    for i in range(len(craters)):
+        _stamp_one(ground, craters, i, config, lobes[i], planes[i])
+
+
+def _planes(coarse: Area, cell_m: float, craters: Craters, config: CraterConfig,
+            lobes: NDArray[np.complex128]) -> Array:
+    """Return middle and rises of the plane of each crater, (m, 3); NaN where none is fitted."""
+    planes = np.full((len(craters), 3), np.nan)
+    large = craters.diameter_m > FLATTENED_CELLS * cell_m
+    _, band = np.frexp(craters.diameter_m)      # the power of two above it
+    bands = np.unique(band[large])[::-1]
+    for number in bands:
+        here = np.flatnonzero((band == number) & large)
+        for i in here:
+            planes[i] = _plane(coarse, craters, i)
+        if number > bands[-1]:
+            for i in here:
+                _stamp_one(coarse, craters, i, config, lobes[i], planes[i])
+    return planes
+
+
+def _plane(coarse: Area, craters: Craters, i: int) -> Array:
+    """Return the least-squares plane of the ground around a crater: its middle, and rises."""
+    radius = 0.5 * craters.diameter_m[i] / coarse.cell_m
+    x0, y0 = craters.position_m[i] / coarse.cell_m
+    part = part_of(x0, y0, _FITTED * radius, coarse.first, coarse.values.shape)
+    if part is None or min(s.stop - s.start for s in part) < 2:
+        return np.full(3, np.nan)
+    rows, columns = part
+    # A copy, so that no layout of memory decides in which order it is summed.
+    core = np.array(coarse.values[rows, columns], np.float64)
+    x = (np.arange(columns.start, columns.stop) + coarse.first[0] - x0) / radius
+    y = (np.arange(rows.start, rows.stop) + coarse.first[1] - y0) / radius
+    mx, my = 0.5 * (x[0] + x[-1]), 0.5 * (y[0] + y[-1])
+    from_mx, from_my = x - mx, y - my
+    by_column, by_row = core.sum(axis=0), core.sum(axis=1)
+    sx = (by_column * from_mx).sum() / ((from_mx * from_mx).sum() * len(y))
+    sy = (by_row * from_my).sum() / ((from_my * from_my).sum() * len(x))
+    return on_lattice([by_column.sum() / core.size - sx * mx - sy * my, sx, sy], _PLANE_STEP_M)
+
+
+def _stamp_one(ground: Area, craters: Craters, i: int, config: CraterConfig,
+               lobes: NDArray[np.complex128], plane: Array) -> None:
+    """Draw one crater."""
+    radius = 0.5 * craters.diameter_m[i] / ground.cell_m      # in cells
+    x0, y0 = craters.position_m[i] / ground.cell_m
+    part = part_of(x0, y0, REACH * radius, ground.first, ground.values.shape)
+    if part is None:
+        return
+    rows, columns = part
+    # Places count from the crater, so that all windows round alike.
+    dx = (np.arange(columns.start, columns.stop) + ground.first[0] - x0).astype(np.float32)
+    dy = (np.arange(rows.start, rows.stop) + ground.first[1] - y0).astype(np.float32)
+    dx, dy = dx / np.float32(radius), dy / np.float32(radius)
+    rho = np.sqrt(dx * dx + (dy * dy)[:, None])
+    shaped = _irregular(rho, dx, dy, lobes) if config.irregularity else rho
+    patch = ground.values[rows, columns]
+    if np.isfinite(plane[0]):
+        _flatten(patch, dx, dy, shaped, plane, 1.0 - 0.7 * craters.age[i])
     per_radius = np.float32(1.0 / RADII[1])
-    for i in order:
-        radius = 0.5 * craters.diameter_m[i] / cell_m  # in cells
-        x0, y0 = craters.position_m[i] / cell_m + half
-        window = window_of(x0, y0, REACH * radius, heights.shape[0])
-        if window is None:
-            continue
-        rows, columns = window
-        dx = (np.arange(columns.start, columns.stop, dtype=np.float32) - np.float32(x0))
-        dy = (np.arange(rows.start, rows.stop, dtype=np.float32) - np.float32(y0))
-        dx, dy = dx / np.float32(radius), dy / np.float32(radius)
-        rho = np.sqrt(dx * dx + (dy * dy)[:, None])
-        shaped = _irregular(rho, dx, dy, lobes[i]) if config.irregularity else rho
-        patch = heights[rows, columns]
-        if radius > _LEAST_FLATTENED:
-            _flatten(patch, dx, dy, shaped, 1.0 - 0.7 * craters.age[i])
-        index = np.minimum(shaped * per_radius, np.float32(len(RADII) - 2))
-        lower = index.astype(np.int32)
-        index -= lower
-        profile = (table.at(craters.age[i]) * craters.diameter_m[i]).astype(np.float32)
-        patch += profile[lower] + index * (profile[1:] - profile[:-1])[lower]
+    index = np.minimum(shaped * per_radius, np.float32(len(RADII) - 2))
+    lower = index.astype(np.int32)
+    index -= lower
+    profile = profile_table(config).at(craters.age[i]) * craters.diameter_m[i]
+    profile = profile.astype(np.float32)
+    patch += profile[lower] + index * (profile[1:] - profile[:-1])[lower]
 
 
 def _irregular(rho: NDArray, dx: NDArray, dy: NDArray, lobes: NDArray) -> NDArray:
@@ -77,98 +144,37 @@ def _irregular(rho: NDArray, dx: NDArray, dy: NDArray, lobes: NDArray) -> NDArra
     return lobed
 
 
-def _flatten(patch: NDArray, dx: NDArray, dy: NDArray, rho: NDArray, amount: float) -> None:
-    """Draw the patch towards its best-fit plane within the rim, by a share `amount`; in place."""
-    inner_x, inner_y = np.abs(dx) < 1.2, np.abs(dy) < 1.2
-    if inner_x.sum() < 2 or inner_y.sum() < 2:
+def _flatten(patch: NDArray, dx: NDArray, dy: NDArray, rho: NDArray, plane: Array,
+             amount: float) -> None:
+    """Draw the patch towards a plane within the rim, by a share `amount`; in place."""
+    near_x, near_y = np.flatnonzero(np.abs(dx) < 1.8), np.flatnonzero(np.abs(dy) < 1.8)
+    if not (len(near_x) and len(near_y)):
         return
-    columns = slice(int(inner_x.argmax()), len(dx) - int(inner_x[::-1].argmax()))
-    rows = slice(int(inner_y.argmax()), len(dy) - int(inner_y[::-1].argmax()))
-    core, x, y = patch[rows, columns], dx[columns], dy[rows]
-    mx, my = 0.5 * (float(x[0]) + float(x[-1])), 0.5 * (float(y[0]) + float(y[-1]))
-    from_mx, from_my = x.astype(np.float64) - mx, y.astype(np.float64) - my
-    by_column, by_row = core.sum(axis=0, dtype=np.float64), core.sum(axis=1, dtype=np.float64)
-    sx = (by_column * from_mx).sum() / ((from_mx * from_mx).sum() * len(y))
-    sy = (by_row * from_my).sum() / ((from_my * from_my).sum() * len(x))
-    fit = np.array([by_column.sum() / core.size - sx * mx - sy * my, sx, sy])
-    middle, sx, sy = on_lattice(fit, _PLANE_STEP_M).astype(np.float32)
-    outer_x, outer_y = np.abs(dx) < 1.8, np.abs(dy) < 1.8
-    columns = slice(int(outer_x.argmax()), len(dx) - int(outer_x[::-1].argmax()))
-    rows = slice(int(outer_y.argmax()), len(dy) - int(outer_y[::-1].argmax()))
+    columns = slice(int(near_x[0]), int(near_x[-1]) + 1)
+    rows = slice(int(near_y[0]), int(near_y[-1]) + 1)
+    middle, sx, sy = plane.astype(np.float32)
     ground, x, y = patch[rows, columns], dx[columns], dy[rows]
-    plane = (middle + sx * x) + (sy * y)[:, None]
+    flat = (middle + sx * x) + (sy * y)[:, None]
     t = (_UNTOUCHED - rho[rows, columns]) / (_UNTOUCHED - _ERASED)
     np.minimum(t, np.float32(1.0), out=t)
     np.maximum(t, np.float32(0.0), out=t)
-    ground += np.float32(amount) * t * t * (3.0 - 2.0 * t) * (plane - ground)
+    ground += np.float32(amount) * t * t * (3.0 - 2.0 * t) * (flat - ground)
 
 
-def brighten(albedo: NDArray[np.float32], cell_m: float, craters: Craters,
-             amount: float) -> None:
-    """Brighten the surroundings of fresh craters in an albedo map, fading with age."""
-    half = 0.5 * (albedo.shape[0] - 1)
+def brighten(albedo: Area, craters: Craters, amount: float) -> None:
+    """Brighten the surroundings of fresh craters in an albedo map, fading with age; in place."""
+    cell_m = albedo.cell_m
     fresh = np.flatnonzero((craters.age < 0.2) & (craters.diameter_m > 6.0 * cell_m))
-    for i in fresh[np.argsort(-craters.time[fresh], kind='stable')]:
+    for i in fresh[np.lexsort((craters.key[fresh], -craters.time[fresh]))]:
         radius = 0.5 * craters.diameter_m[i] / cell_m
-        x0, y0 = craters.position_m[i] / cell_m + half
-        window = window_of(x0, y0, 3.5 * radius, albedo.shape[0])
+        x0, y0 = craters.position_m[i] / cell_m
+        window = part_of(x0, y0, 3.5 * radius, albedo.first, albedo.values.shape)
         if window is None:
             continue
-        dx = (np.arange(window[1].start, window[1].stop) - x0) / radius
-        dy = (np.arange(window[0].start, window[0].stop) - y0) / radius
+        dx = (np.arange(window[1].start, window[1].stop) + albedo.first[0] - x0) / radius
+        dy = (np.arange(window[0].start, window[0].stop) + albedo.first[1] - y0) / radius
         rho = np.sqrt(dx * dx + (dy * dy)[:, None])
         strength = amount * (1.0 - craters.age[i] / 0.2) ** 2
         fall = np.exp(-0.5 * (np.maximum(rho - 0.8, 0.0) / 0.9) ** 2)
-        albedo[window] += on_lattice(strength * fall * smoothstep(3.5 - rho),
-                                     ALBEDO_STEP).astype(np.float32)
-
-
-F32 = NDArray[np.float32]
-
-FRESH = 0.25            # greatest age of a crater with rays, in lifetimes
-RAY_REACH = 6.0         # radii that rays reach
-_LEAST_M = 3.0          # least diameter of a crater with rays
-_FEWEST, _MOST = 5, 9   # rays of one crater
-_WIDTH_RAD = (0.05, 0.14)
-_FALL = (1.4, 3.0)      # radii over which rays fade to 1 / e
-_HEADINGS = 512
-
-
-def add_rays(field: NDArray[np.floating], cell_m: float, craters: Craters, amount: float) -> None:
-    """Add the rays of all craters to an (n, n) field centred on the origin, in place.
-
-    Args:
-        cell_m: Distance of its samples.
-        amount: What is added at the rim of a fresh crater, where a ray begins. The rays depend on
-            the crater alone, so that all fields show the same ones.
-    """
-    n = len(field)
-    for i in np.flatnonzero((craters.age < FRESH) & (craters.diameter_m > _LEAST_M)):
-        radius = 0.5 * craters.diameter_m[i] / cell_m
-        x, y = craters.position_m[i] / cell_m + 0.5 * (n - 1)
-        window = window_of(x, y, RAY_REACH * radius, n)
-        if window is None:
-            continue
-        dx = ((np.arange(window[1].start, window[1].stop) - x) / radius).astype(np.float32)
-        dy = ((np.arange(window[0].start, window[0].stop) - y) / radius).astype(np.float32)
-        dy = dy[:, None]
-        strength, fall = _star(craters.position_m[i])
-        rho = np.hypot(dx, dy)
-        turn = np.arctan2(dy, dx) * np.float32(0.5 * _HEADINGS / np.pi) + _HEADINGS // 2
-        rays = strength[turn.astype(np.int32) % _HEADINGS]
-        rays *= np.exp(np.minimum((np.float32(1.2) - rho) / fall, np.float32(0.0)))
-        rays *= np.clip(rho - np.float32(0.8), 0.0, 1.0)
-        rays *= np.clip(np.float32(RAY_REACH) - rho, 0.0, 1.0)
-        field[window] += np.float32(amount * (1.0 - craters.age[i] / FRESH)) * rays
-
-
-def _star(position_m: NDArray[np.float64]) -> tuple[F32, np.float32]:
-    """Return the strength of a crater's rays over the headings from -pi, and their fall."""
-    x, y = np.rint(1e3 * position_m).astype(np.int64)
-    rng = np.random.default_rng([int(x) & 0xFFFFFFFF, int(y) & 0xFFFFFFFF, 5])
-    heading = np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False)
-    strength = np.zeros(_HEADINGS)
-    for middle in rng.uniform(-np.pi, np.pi, int(rng.integers(_FEWEST, _MOST + 1))):
-        turn = np.remainder(heading - middle + np.pi, 2.0 * np.pi) - np.pi
-        strength += np.exp(-0.5 * (turn / rng.uniform(*_WIDTH_RAD)) ** 2)
-    return strength.astype(np.float32), np.float32(rng.uniform(*_FALL))
+        albedo.values[window] += on_lattice(strength * fall * smoothstep(3.5 - rho),
+                                            ALBEDO_STEP).astype(np.float32)

@@ -11,33 +11,69 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+import scipy.ndimage
 import scipy.sparse
 
-from lunar_rover_sim.ground.world import levels
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.ground.world import levels, spline
 from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.fill import plate_fill
-from lunar_rover_sim.ground.world.relief import smoothstep
+from lunar_rover_sim.ground.world.spline import Area
 
 # A level whose cell is larger than this share of a pixel takes the heights of the tile unchanged;
 # a finer one adds detail to them.
 REFINED_BELOW = 1.0 / 3.0
+PAD_PIXELS = spline.MARGIN + 1      # that a tile has around the box asked for
+_BEYOND = 3             # pixels around a tile, in which its spline is still evaluated
+_INVERSE_TAPS = 6       # of the filter from means to coefficients; its terms fall by 0.36 a pixel
+CORRECTION_PIXELS = _INVERSE_TAPS + 4
 
 
 @dataclasses.dataclass(frozen=True)
 class Tile:
     """Heights on a rectangle of pixels, without gaps.
 
+    Pixels are counted over all of the source, so that a pixel has one number in all windows.
+
     Attributes:
         heights_m: (ny, nx) float32 over the source's reference height, row 0 south.
-        x_m: (nx,) ascending pixel centres, world frame.
-        y_m: (ny,) ascending pixel centres, world frame.
-        pixel_m: The larger side of a pixel.
+        first: Number of the first pixel, x and y.
+        phase: Place of the centre of pixel 0, x and y [pixels].
+        step_m: Sides of a pixel, x and y.
     """
 
     heights_m: NDArray[np.float32]
-    x_m: NDArray[np.float64]
-    y_m: NDArray[np.float64]
-    pixel_m: float
+    first: tuple[int, int]
+    phase: tuple[float, float]
+    step_m: tuple[float, float]
+
+    @property
+    def x_m(self) -> Array:
+        """(nx,) ascending pixel centres, frame of the site [m]."""
+        return self.centres(0)
+
+    @property
+    def y_m(self) -> Array:
+        """(ny,) ascending pixel centres, frame of the site [m]."""
+        return self.centres(1)
+
+    @property
+    def pixel_m(self) -> float:
+        """The larger side of a pixel."""
+        return max(self.step_m)
+
+    def centres(self, k: int) -> Array:
+        """Return `x_m` (0) or `y_m` (1)."""
+        number = self.first[k] + np.arange(self.heights_m.shape[1 - k])
+        return np.asarray((number + self.phase[k]) * self.step_m[k])
+
+    def place(self, k: int, first: int, count: int, cell_m: float) -> Array:
+        """Return where samples of a lattice lie along x (0) or y (1), counted in pixels from the
+        first; the same fractions in all windows.
+        """
+        whole = (np.arange(first, first + count) * cell_m) / self.step_m[k] - self.phase[k]
+        floor = np.floor(whole)
+        return np.asarray((floor - self.first[k]) + (whole - floor))
 
 
 class Source(Protocol):
@@ -59,8 +95,12 @@ class Source(Protocol):
     def area_m(self) -> tuple[float, float, float, float]:
         """The area covered: x low, x high, y low, y high [m]."""
 
-    def tile(self, half_extent_m: float, cell_m: float) -> Tile | None:
-        """Return the heights in [-h, h]^2, averaged to about a cell; None if there are none.
+    def tile(self, box_m: tuple[float, float, float, float], cell_m: float) -> Tile | None:
+        """Return the heights in a box and `PAD_PIXELS` around it; None if there are none.
+
+        Args:
+            box_m: x low, x high, y low, y high.
+            cell_m: They are averaged to about this.
 
         Raises:
             WorldError: If it cannot be read.
@@ -70,93 +110,117 @@ class Source(Protocol):
         """Release the file."""
 
 
-def lay(heights: NDArray[np.float32], cell_m: float, tile: Tile, keep_m: float) -> None:
-    """Replace heights by those of the tile within its area; continue the difference beyond it.
+def lay(ground: Area, tile: Tile) -> None:
+    """Replace heights by those of the tile within it; continue the difference beyond it; in place.
 
     The difference continues as a plate under tension that is clamped to the tile, so that height
-    and slope are continuous, and settles over a distance of about the size of the tile. At an edge
-    of the tile within the level, but outside [-keep, keep]^2, detail finer than a pixel is blended
-    over several pixels.
+    and slope are continuous, and settles over a distance of about the size of the tile. What is
+    within the tile does not depend on the rest.
     """
-    axis = levels.axis_m(heights.shape[0], cell_m)
-    rows, columns = _covered(axis, tile.y_m), _covered(axis, tile.x_m)
-    if rows.stop - rows.start < 2 or columns.stop - columns.start < 2:
+    rows, columns, known = _known(ground, tile)
+    if known is None:
         return
-    known = levels.spline(tile.y_m, tile.x_m, tile.heights_m, axis[rows], axis[columns])
-    trust = (_trust(axis, tile.y_m, tile.pixel_m, keep_m)[:, None]
-             * _trust(axis, tile.x_m, tile.pixel_m, keep_m))
-    if not (trust >= 1.0).all():
+    heights = ground.values
+    if known.shape != heights.shape:
         difference = np.zeros_like(heights)
         difference[rows, columns] = known - heights[rows, columns]
-        size_m = min(tile.x_m[-1] - tile.x_m[0], tile.y_m[-1] - tile.y_m[0])
-        heights += _lead_out(difference, axis, rows, columns, tile.pixel_m, 0.5 * size_m)
-    inner = trust[rows, columns]
-    heights[rows, columns] += inner * (known - heights[rows, columns])
+        size_m = min(n * side for n, side in zip(tile.heights_m.shape[::-1], tile.step_m))
+        heights += _lead_out(difference, _axes(ground), rows, columns, tile.pixel_m, 0.5 * size_m)
+    heights[rows, columns] = known
 
 
-def _lead_out(difference: NDArray, axis: NDArray, rows: slice, columns: slice, pixel_m: float,
-              length_m: float) -> NDArray[np.float32]:
+def _known(ground: Area, tile: Tile) -> tuple[slice, slice, NDArray[np.float32] | None]:
+    """Return the rows and columns within the tile, and its spline there; None if it is too small.
+    """
+    nothing = slice(0, 0)
+    if min(tile.heights_m.shape) < 2:
+        return nothing, nothing, None
+    places, parts = [], []
+    for k in (0, 1):
+        place = tile.place(k, ground.first[k], ground.values.shape[1 - k], ground.cell_m)
+        last = tile.heights_m.shape[1 - k] - 1
+        inside = np.flatnonzero((place >= -0.5 - 1e-9) & (place <= last + 0.5 + 1e-9))
+        if len(inside) < 2:
+            return nothing, nothing, None
+        parts.append(slice(int(inside[0]), int(inside[-1]) + 1))
+        places.append(place[parts[k]])
+    # At the ends of the source the curvature is zero; elsewhere the tile is wider than needed.
+    pad = spline.TAPS + _BEYOND
+    padded = np.pad(np.asarray(tile.heights_m, np.float64), pad, mode='reflect',
+                    reflect_type='odd')
+    known = spline.evaluated(spline.coefficients(padded), places[0] + _BEYOND,
+                             places[1] + _BEYOND)
+    return parts[1], parts[0], known
+
+
+def _axes(ground: Area) -> tuple[Array, Array]:
+    """Return the places of columns and rows [m]."""
+    x, y = ((first + np.arange(count)) * ground.cell_m
+            for first, count in zip(ground.first, ground.values.shape[::-1]))
+    return x, y
+
+
+def _lead_out(difference: NDArray, axes: tuple[Array, Array], rows: slice, columns: slice,
+              pixel_m: float, length_m: float) -> NDArray[np.float32]:
     """Return a difference that is known on some rows and columns, continued over the level.
 
     Solved on a grid of pixels, 128 at most from the middle to the border.
     """
-    cell_m = axis[1] - axis[0]
-    step = max(pixel_m, axis[-1] / 128.0)
-    count = int(np.ceil(axis[-1] / step)) + 1
-    coarse = np.arange(-count, count + 1) * step
-    covered = np.zeros(len(axis))
-    means, inside = [], []
-    for part in (rows, columns):
-        covered[:] = 0.0
+    cell_m = axes[0][1] - axes[0][0]
+    step = max(pixel_m, max(axis[-1] - axis[0] for axis in axes) / 256.0)
+    coarse, means, inside = [], [], []
+    for axis, part in zip(axes, (columns, rows)):
+        count = int(np.ceil(0.5 * (axis[-1] - axis[0]) / step)) + 1
+        coarse.append(0.5 * (axis[0] + axis[-1]) + np.arange(-count, count + 1) * step)
+        covered = np.zeros(len(axis))
         covered[part] = 1.0
-        low = np.maximum(axis - cell_m / 2, coarse[:, None] - step / 2)
-        high = np.minimum(axis + cell_m / 2, coarse[:, None] + step / 2)
+        low = np.maximum(axis - cell_m / 2, coarse[-1][:, None] - step / 2)
+        high = np.minimum(axis + cell_m / 2, coarse[-1][:, None] + step / 2)
         share = (np.maximum(high - low, 0.0) / step).astype(np.float32)
         means.append(scipy.sparse.csr_matrix(share))
         inside.append((share * covered).sum(axis=1))
-    filled = np.outer(inside[0], inside[1])
-    mean = _mean_over(difference, *means) / np.maximum(filled, 1e-6)
+    filled = np.outer(inside[1], inside[0])
+    mean = _mean_over(difference, means[1], means[0]) / np.maximum(filled, 1e-6)
     led = plate_fill(mean.astype(np.float32), filled > 0.5, (step / max(length_m, step)) ** 2)
-    return levels.spline(coarse, coarse, led, axis, axis)
+    return levels.spline(coarse[1], coarse[0], led, axes[1], axes[0])
 
 
-def restore(heights: NDArray[np.float32], cell_m: float, tile: Tile, keep_m: float,
-            rounds: int = 4) -> None:
-    """Remove from the heights the change that detail has made at the scale of the tile.
+def correction(ground: Area, tile: Tile) -> NDArray[np.float32]:
+    """Return what to add to the heights so that their mean over each pixel is that of the tile.
 
-    Afterwards the mean over each pixel equals its height in the tile, except where `lay` blends.
+    It is a smooth surface, 0 where there are no pixels. Pixels that do not lie wholly within the
+    ground count as right; so do not use it within `CORRECTION_PIXELS` of the border.
     """
-    axis = levels.axis_m(heights.shape[0], cell_m)
-    rows, row_mean = _means(axis, cell_m, tile.y_m)
-    columns, column_mean = _means(axis, cell_m, tile.x_m)
-    if len(rows) < 2 or len(columns) < 2:
-        return
-    y, x = tile.y_m[rows], tile.x_m[columns]
-    wanted = tile.heights_m[rows[:, None], columns]
-    fade = (_trust(axis, tile.y_m, tile.pixel_m, keep_m)[:, None]
-            * _trust(axis, tile.x_m, tile.pixel_m, keep_m))
-    for _ in range(rounds):
-        off = _mean_over(heights, row_mean, column_mean) - wanted
-        heights -= levels.spline(y, x, off, axis, axis) * fade
+    nothing = np.zeros_like(ground.values)
+    if min(tile.heights_m.shape) < 2:
+        return nothing
+    y, row_mean = _means(ground, tile, 1)
+    x, column_mean = _means(ground, tile, 0)
+    if len(x) < 2 or len(y) < 2:
+        return nothing
+    off = tile.heights_m[y[:, None], x] - _mean_over(ground.values, row_mean, column_mean)
+    pad = _INVERSE_TAPS + 2
+    padded = np.pad(np.asarray(off, np.float64), pad)
+    for axis in (0, 1):
+        padded = scipy.ndimage.convolve1d(padded, _INVERSE, axis=axis, mode='constant')
+    places = [np.clip(tile.place(k, ground.first[k], ground.values.shape[1 - k], ground.cell_m)
+                      - pixels[0] + pad, 1.0, len(pixels) + 2.0 * pad - 3.0)
+              for k, pixels in ((0, x), (1, y))]
+    return spline.evaluated(padded, *places)
 
 
-def _trust(axis: NDArray, centres: NDArray, pixel_m: float, keep_m: float) -> NDArray[np.float32]:
-    """Return the weight of the tile along one axis: 1 within, falling to 0 at its edges.
+def _inverse() -> Array:
+    """Return the filter from means over pixels to the coefficients of a cubic B-spline.
 
-    There is no fall where the tile extends beyond the axis, or its edge is too near what to keep.
+    The mean of a cubic B-spline over a pixel is a quartic one: 230, 76 and 1 of 384.
     """
-    weight = np.ones(len(axis))
-    for inside, edge in ((axis - centres[0], -centres[0]), (centres[-1] - axis, centres[-1])):
-        band = float(np.clip(edge - keep_m, 0.0, 4.0 * pixel_m))
-        if edge >= axis[-1]:
-            continue
-        weight *= smoothstep(inside / band) if band > 0.0 else inside >= -1e-9
-    return weight.astype(np.float32)
+    k = 2.0 * np.pi * np.arange(256) / 256.0
+    means = (230.0 + 152.0 * np.cos(k) + 2.0 * np.cos(2.0 * k)) / 384.0
+    half = np.real(np.fft.ifft(1.0 / means))[:_INVERSE_TAPS + 1]
+    return np.concatenate([half[:0:-1], half])
 
 
-def _covered(axis: NDArray, centres: NDArray) -> slice:
-    inside = np.flatnonzero((axis >= centres[0] - 1e-9) & (axis <= centres[-1] + 1e-9))
-    return slice(int(inside[0]), int(inside[-1]) + 1) if len(inside) else slice(0, 0)
+_INVERSE = _inverse()
 
 
 def _mean_over(values: NDArray, rows: scipy.sparse.csr_matrix,
@@ -165,10 +229,13 @@ def _mean_over(values: NDArray, rows: scipy.sparse.csr_matrix,
     return np.ascontiguousarray((columns @ np.ascontiguousarray((rows @ values).T)).T)
 
 
-def _means(axis: NDArray, cell_m: float,
-           centres: NDArray) -> tuple[NDArray[np.int64], scipy.sparse.csr_matrix]:
-    """Return the pixels that lie completely within the axis, and the matrix of their means."""
-    pixel = centres[1] - centres[0] if len(centres) > 1 else np.inf
+def _means(ground: Area, tile: Tile, k: int) -> tuple[NDArray[np.int64], scipy.sparse.csr_matrix]:
+    """Return the pixels that lie wholly within the ground along x (0) or y (1).
+
+    And the matrix of the means over them.
+    """
+    axis, cell_m = _axes(ground)[k], ground.cell_m
+    centres, pixel = tile.centres(k), tile.step_m[k]
     whole = np.flatnonzero((centres - pixel / 2 >= axis[0] - cell_m / 2)
                            & (centres + pixel / 2 <= axis[-1] + cell_m / 2))
     low = np.maximum(axis - cell_m / 2, centres[whole, None] - pixel / 2)

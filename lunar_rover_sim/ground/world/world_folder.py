@@ -34,7 +34,7 @@ from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
 FORMAT = 2
 # Version of the way from parameters to a world: raised when the same parameters and seed give
 # another one. It stands in the folder and in the name in the cache.
-RECIPE = 7
+RECIPE = 8
 _MAX_SAMPLES = 8193 ** 2
 _MAX_BYTES_ARRAY = 64_000_000
 _MAX_BYTES_YAML = 1_000_000
@@ -162,13 +162,13 @@ def load_world(folder: str | pathlib.Path, verify: bool = True) -> World:
     shapes = _shapes(folder / 'shapes.npz')
     rocks = Rocks(**_archive(folder / 'rocks.npz', {
         'shape': 'i4', 'size': 'i4', 'position_m': 'f8,3', 'orientation_wxyz': 'f8,4',
-        'albedo': 'f4', 'size_classes_m': 'f8*', 'key': 'u4'}))
+        'albedo': 'f4', 'size_classes_m': 'f8*', 'key': 'u8'}))
     for name, index, end in (('shape', rocks.shape, len(shapes)),
                              ('size', rocks.size, len(rocks.size_classes_m))):
         if len(index) and not (0 <= index.min() and index.max() < end):
             raise WorldError(f'{folder}/rocks.npz: {name}: indices beyond {end - 1}')
     craters = Craters(**_archive(folder / 'craters.npz', {
-        'position_m': 'f8,2', 'diameter_m': 'f8', 'age': 'f8', 'level': 'i4', 'key': 'u4'}))
+        'position_m': 'f8,2', 'diameter_m': 'f8', 'age': 'f8', 'level': 'i4', 'key': 'u8'}))
     world = World(levels, albedo, rocks, shapes, config, str(document.get('hash')), craters,
                   document.get('report') or {})
     if verify and content_hash(world) != world.hash:

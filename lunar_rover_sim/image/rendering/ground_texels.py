@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.ground.world.far_albedo import far_albedo, RECIPE
+from lunar_rover_sim.ground.world.albedo import far_albedo, RECIPE
 from lunar_rover_sim.ground.world.fine_relief import disc_share
 from lunar_rover_sim.ground.world.kept_arrays import kept
 from lunar_rover_sim.ground.world.model import World

@@ -9,7 +9,7 @@ import numpy as np
 
 from lunar_rover_sim.base.frames import sun_direction, wxyz_from_matrix
 from lunar_rover_sim.base.gravity import MOON_MPS2
-from lunar_rover_sim.ground.world.far_albedo import far_albedo
+from lunar_rover_sim.ground.world.albedo import far_albedo
 from lunar_rover_sim.ground.world.far_rocks import far_rocks
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.illumination.config import ReflectanceConfig, SunConfig

@@ -91,10 +91,9 @@ def test_rocks_gather_around_fresh_craters():
     assert np.mean(nearest < 1.6) > 1.5 * np.mean(chance < 1.6)
 
 
-def test_most_rocks_leaves_out_the_smallest(caplog):
-    world = worlds.small(rocks={'abundance': 0.05, 'max_number': 100})
-    assert 90 <= len(world.rocks) <= 100
-    assert 'rocks.max_number' in caplog.text
+def test_where_there_would_be_too_many_the_smallest_are_left_out():
+    world = worlds.small(rocks={'abundance': 0.05, 'max_per_m2': 0.6})
+    assert 70 <= len(world.rocks) <= 130
     everything = worlds.small(rocks={'abundance': 0.05})
     assert len(everything.rocks) > 200
     assert world.rocks.diameter_m.min() > everything.rocks.diameter_m.min()
@@ -103,8 +102,7 @@ def test_most_rocks_leaves_out_the_smallest(caplog):
 def test_ten_thousand_rocks_find_a_place():
     ground = HeightGrid(np.zeros((513, 513), np.float32), 0.1)
     config = RockConfig(abundance=0.035, min_diameter_m=0.01)
-    rocks = rockfield.scatter(config, ground, LIBRARY, Craters.join([]), 1.0,
-                              np.random.default_rng(1))
+    rocks, _ = rockfield.scatter(config, 1, ground, LIBRARY, Craters.join([]), 1.0)
     assert len(rocks) > 10_000
 
 
@@ -159,20 +157,19 @@ def test_sites_have_the_stones_that_surveyor_counted(site, counts):
 
 def test_soil_gathers_around_rocks():
     """Highest at the rock, of 0 to two times the mean height; none beyond 0.77 diameters."""
-    ground = HeightGrid(np.zeros((401, 401), np.float32), 0.025)
+    ground = HeightGrid(np.zeros((801, 801), np.float32), 0.025)
     config = RockConfig(fillet=0.06, min_diameter_m=0.4, max_diameter_m=1.0, abundance=0.05)
-    rocks = rockfield.scatter(config, ground, library(), Craters.join([]), 0.0,
-                              np.random.default_rng(1))
-    raised = rockfield.fillets(config, ground, rocks, np.random.default_rng(2))
+    rocks, all_of_them = rockfield.scatter(config, 1, ground, library(), Craters.join([]), 0.0)
+    raised = rockfield.fillets(config, ground, all_of_them)
     at_rocks = raised.height_at(rocks.position_m[:, :2]) / rocks.diameter_m
     assert len(rocks) > 5 and at_rocks.min() >= 0.0 and at_rocks.max() <= 0.121
     assert at_rocks.mean() == pytest.approx(0.06, abs=0.03)
-    y, x = np.mgrid[-5:5:401j, -5:5:401j]
-    away = np.min([np.hypot(x - px, y - py) / d for (px, py, _), d in zip(
-        rocks.position_m, rocks.diameter_m)], axis=0)
+    y, x = np.mgrid[-10:10:801j, -10:10:801j]
+    away = np.min([np.hypot(x - px, y - py) / d for (px, py), d in zip(
+        all_of_them.xy_m, rocks.size_classes_m[all_of_them.size])], axis=0)
     assert not raised.heights_m[away > 0.78].any()
     none = dataclasses.replace(config, fillet=0.0)
-    assert rockfield.fillets(none, ground, rocks, np.random.default_rng(2)) is ground
+    assert rockfield.fillets(none, ground, all_of_them) is ground
 
 
 LIBRARY = shapes.library()
@@ -184,9 +181,9 @@ def scatter(east=0.0, north=0.0, craters=None, seed=0, clear_radius_m=0.0, **val
     """Return rocks on a plane that rises by these slopes, and their rotation matrices."""
     axis = (np.arange(N) - (N - 1) / 2) * CELL
     heights = (east * axis + north * axis[:, None]).astype(np.float32)
-    rocks = rockfield.scatter(RockConfig(**{**MANY, **values}), HeightGrid(heights, CELL), LIBRARY,
-                              craters or Craters.join([]), clear_radius_m,
-                              np.random.default_rng(seed))
+    rocks, _ = rockfield.scatter(RockConfig(**{**MANY, **values}), seed,
+                                 HeightGrid(heights, CELL), LIBRARY, craters or Craters.join([]),
+                                 clear_radius_m)
     return rocks, matrix_from_wxyz(rocks.orientation_wxyz)
 
 
@@ -339,7 +336,7 @@ def test_over_a_pit_a_rock_sinks_until_only_its_crown_is_left():
     heights = np.where(rng.random((N, N)) < 0.1, -3.0, 0.0).astype(np.float32)
     ground = HeightGrid(heights, CELL)
     config = RockConfig(**{**MANY, 'burial': 0.15, 'tilt_deg': 0.0, 'min_diameter_m': 0.3})
-    rocks = rockfield.scatter(config, ground, LIBRARY, Craters.join([]), 0.0, rng)
+    rocks, _ = rockfield.scatter(config, 0, ground, LIBRARY, Craters.join([]), 0.0)
     low, high = spans(rocks, matrix_from_wxyz(rocks.orientation_wxyz))
     ring = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
     around = 0.45 * rocks.diameter_m[:, None, None] * np.stack([np.cos(ring), np.sin(ring)], -1)

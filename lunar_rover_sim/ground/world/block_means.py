@@ -1,0 +1,55 @@
+"""Means over large blocks of a site, by which fields get a mean that is the same everywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.ground.world.spline import Area
+
+BLOCK_M = 51.2          # one block has its middle at the origin
+CELL_M = 0.8            # of the field of which means are taken
+_CELLS = round(BLOCK_M / CELL_M)
+
+
+def field_for(box: tuple[float, float, float, float]) -> Area:
+    """Return zeros on cells of `CELL_M` that hold all blocks around a box.
+
+    Cell (i, j) reaches from i to i + 1 cells; its value is meant for its middle.
+    """
+    first, count = [], []
+    for low, high in (box[:2], box[2:]):
+        begin = int(np.floor(low / BLOCK_M + 0.5)) - 1
+        end = int(np.floor(high / BLOCK_M + 0.5)) + 2
+        first.append(begin * _CELLS - _CELLS // 2)
+        count.append((end - begin) * _CELLS)
+    return Area(np.zeros((count[1], count[0])), (first[0], first[1]), CELL_M)
+
+
+def smoothed(field: Area, first: tuple[int, int], shape: tuple[int, int],
+             cell_m: float) -> Array:
+    """Return the means over blocks of a `field_for`, bilinear between their middles.
+
+    Args:
+        first, shape: Of cells of another width [cell_m], at whose middles they are wanted.
+    """
+    rows, columns = (n // _CELLS for n in field.values.shape)
+    blocks = np.ascontiguousarray(field.values.reshape(rows, _CELLS, columns, _CELLS)
+                                  .transpose(0, 2, 1, 3)).reshape(rows, columns, -1).mean(axis=2)
+    taps = []
+    for begin, n, origin in ((first[1], shape[0], field.first[1]),
+                             (first[0], shape[1], field.first[0])):
+        place = (begin + np.arange(n) + 0.5) * cell_m / BLOCK_M
+        whole = np.floor(place)
+        # The middle of block b is at b; the first one is this.
+        number = (origin + _CELLS // 2) // _CELLS
+        taps.append(((whole - number).astype(np.int64), place - whole))
+    (row, v), (column, u) = taps
+    lines = (1.0 - v)[:, None] * blocks[row] + v[:, None] * blocks[row + 1]
+    return np.asarray((1.0 - u) * lines[:, column] + u * lines[:, column + 1])
+
+
+def at_middles(position_m: NDArray[np.float64], cell_m: float) -> Array:
+    """Return places for which samples stand at the middles of cells."""
+    return np.asarray(position_m - 0.5 * cell_m)
