@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+import scipy  # its parts when they are used
 
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world import levels as nest
@@ -162,13 +163,8 @@ def _patches(seed: int, wavelength_m: float, first: tuple[float, float], n: int,
 def _filtered(values: Array, kernel: Array) -> Array:
     """Return the values filtered along both axes, without the taps at the border."""
     for axis in (0, 1):
-        size = values.shape[axis] - 2 * _TAPS
-        total = np.zeros((size, values.shape[1]) if axis == 0 else (values.shape[0], size))
-        for k, weight in enumerate(kernel):
-            part = slice(k, k + size)
-            total += weight * (values[part] if axis == 0 else values[:, part])
-        values = total
-    return values
+        values = scipy.ndimage.correlate1d(values, kernel, axis=axis, mode='constant')
+    return np.asarray(values[_TAPS:-_TAPS, _TAPS:-_TAPS])
 
 
 @functools.cache

@@ -127,6 +127,7 @@ class Builder:
         for heights in arrays:
             heights -= np.float32(origin)
         report = dict(self.source.report) if self.source is not None else {}
+        report['recipe'] = world_folder.RECIPE
         report['origin_height_m'] = origin + (
             self.source.reference_m if self.source is not None else 0.0)
         tell('albedo and rocks', 0.85)

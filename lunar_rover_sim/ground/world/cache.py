@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import contextlib
 import fcntl
 import hashlib
@@ -14,9 +15,12 @@ from typing import Any
 
 from lunar_rover_sim.base.errors import ConfigError, WorldError
 from lunar_rover_sim.ground.world.config import PROCEDURAL, WorldConfig
+from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.world_folder import FORMAT, load_world, RECIPE, save_world
 
 logger = logging.getLogger(__name__)
+
+_MOST_WINDOWS = 40      # around other places than the origin; 70 MB each
 
 
 def cache_folder() -> pathlib.Path:
@@ -40,11 +44,12 @@ def cache_folder() -> pathlib.Path:
                           'environment variable LUNAR_ROVER_SIM_CACHE') from None
 
 
-def cache_key(config: WorldConfig, seed: int) -> str:
-    """Return the name of the world in the cache.
+def cache_key(config: WorldConfig, seed: int,
+              middle_m: tuple[float, float] = (0.0, 0.0)) -> str:
+    """Return the name of a window in the cache.
 
     It depends on the parameters, the seed, the identity of the source file (path, size, time of
-    change) and the version of the recipe.
+    change), the version of the recipe and the middle of the window.
     """
     config = config.with_seed(seed)
     identity: list[Any] = []
@@ -54,24 +59,40 @@ def cache_key(config: WorldConfig, seed: int) -> str:
             with contextlib.suppress(OSError):
                 stat = file.stat()
                 identity.append([str(file.resolve()), stat.st_size, stat.st_mtime_ns])
-    text = json.dumps([FORMAT, RECIPE, config.to_mapping(), identity], sort_keys=True)
+    text = json.dumps([FORMAT, RECIPE, config.to_mapping(), identity, list(middle_m)],
+                      sort_keys=True)
     return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
 
 
-def cached(config: WorldConfig, seed: int = 0, progress: Any = None) -> pathlib.Path:
+def window_folder() -> pathlib.Path:
+    """Return the folder of windows around other places than the origin, beside that of worlds.
+
+    Of those the last ones that were used stay.
+    """
+    return cache_folder().parent / 'windows'
+
+
+def cached(config: WorldConfig, seed: int = 0, progress: Any = None,
+           middle_m: tuple[float, float] = (0.0, 0.0),
+           build: Callable[[], World] | None = None) -> pathlib.Path:
     """Return the folder of the world, whose content is verified; it is built if it is not there.
 
     A damaged world is built again. One process builds a world at a time, others wait for it.
 
     Args:
         progress: As for `build_world`.
+        middle_m: Of the window.
+        build: Builds it; needed for other windows than that around the origin.
 
     Raises:
         ConfigError: If it cannot be built.
         WorldError: If it cannot be built.
     """
-    folder = cache_folder() / cache_key(config, seed)
+    at_origin = tuple(middle_m) == (0.0, 0.0)
+    folder = ((cache_folder() if at_origin else window_folder())
+              / cache_key(config, seed, middle_m))
     if _is_whole(folder):
+        _used(folder)
         return folder
     with contextlib.ExitStack() as lock:
         with contextlib.suppress(OSError):      # where there are no locks, both build it
@@ -82,9 +103,14 @@ def cached(config: WorldConfig, seed: int = 0, progress: Any = None) -> pathlib.
         for left in folder.parent.glob(f'.{folder.name}.*.partial'):    # by one that was killed
             shutil.rmtree(left, ignore_errors=True)
         # Its libraries take half a second to import: each run and each renderer would wait.
-        from lunar_rover_sim.ground.world.build import build_world
-        world = build_world(config, seed, progress)
+        if build is None:
+            from lunar_rover_sim.ground.world.build import build_world
+            world = build_world(config, seed, progress)
+        else:
+            world = build()
         _remove(folder)
+        if not at_origin:
+            _drop_old(folder.parent)
         try:
             return save_world(world, folder)
         except WorldError as error:
@@ -92,6 +118,24 @@ def cached(config: WorldConfig, seed: int = 0, progress: Any = None) -> pathlib.
                 return folder
             raise WorldError(f'{error}; LUNAR_ROVER_SIM_CACHE names another folder for built '
                              'worlds') from None
+
+
+def _used(folder: pathlib.Path) -> None:
+    """Note the time, by which old windows are dropped."""
+    with contextlib.suppress(OSError):
+        os.utime(folder)
+
+
+def _drop_old(parent: pathlib.Path) -> None:
+    """Remove windows but those used last; another process may do so too."""
+    used = []
+    for folder in parent.glob('[0-9a-f]' * 24):
+        with contextlib.suppress(OSError):
+            used.append((folder.stat().st_mtime_ns, folder))
+    for _, folder in sorted(used)[:-_MOST_WINDOWS]:
+        _remove(folder)
+        with contextlib.suppress(OSError):
+            (parent / f'.{folder.name}.lock').unlink()
 
 
 def _is_whole(folder: pathlib.Path) -> bool:

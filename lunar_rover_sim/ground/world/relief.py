@@ -88,18 +88,20 @@ def _kernel(config: ReliefConfig, cell_m: float, parent_cell_m: float | None,
     Returns:
         Of (BLOCK + 2 REACH) samples along a side; None if the level is smooth.
     """
-    k_axis = np.abs(2.0 * np.pi * scipy.fft.fftfreq(_PERIOD, cell_m))
-    k = np.hypot(k_axis[:, None], k_axis[:_PERIOD // 2 + 1])
-    k[0, 0] = k[0, 1]
+    k = np.linspace(0.0, 1.5 * np.pi / cell_m, 16384)
+    k[0] = k[1]
     too_short = (smoothstep(np.log2(k * cell_m / (0.5 * np.pi))) if finest
                  else high_pass(k, SPLIT_CELLS * cell_m))
     power = spectrum(config)(k) * (1.0 - too_short)
     if parent_cell_m is not None:
         power *= high_pass(k, SPLIT_CELLS * parent_cell_m)
-    power[0, 0] = 0.0
     if not np.any(power):
         return None
-    kernel = scipy.fft.irfft2(np.sqrt(power) / cell_m, s=(_PERIOD, _PERIOD))
+    axis = np.abs(2.0 * np.pi * scipy.fft.fftfreq(_PERIOD, cell_m))
+    amplitude = np.interp(np.sqrt(axis[:, None] ** 2 + axis[:_PERIOD // 2 + 1] ** 2), k,
+                          np.sqrt(power) / cell_m)
+    amplitude[0, 0] = 0.0
+    kernel = scipy.fft.irfft2(amplitude, s=(_PERIOD, _PERIOD))
     index = np.minimum(np.arange(_PERIOD), _PERIOD - np.arange(_PERIOD))
     kernel *= 1.0 - smoothstep((np.hypot(index[:, None], index) / REACH - 0.7) / 0.3)
     size = BLOCK + 2 * REACH

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +24,7 @@ FLATTENED_CELLS = 10.0   # diameter
 _PLANE_STEP_M = 2.0**-20  # lattice of the plane's height, and of its rise over a radius
 
 
-def plane_margin_m(largest_m: float) -> float:
+def plane_margin_m(largest_m: Any) -> Any:
     """Return how far beyond an area craters and ground decide its planes.
 
     The plane of a crater is fitted where those of the next larger band lie, and so on: 0.85
@@ -47,6 +49,12 @@ def stamp(ground: Area, craters: Craters, config: CraterConfig, coarse: Area | N
         coarse: The ground before craters on a lattice `COARSER` times as wide, with a margin, see
             `plane_margin_m`; it is changed. By default it is taken from `ground`.
     """
+    low = np.array(ground.first) * ground.cell_m
+    high = low + (np.array(ground.values.shape[::-1]) - 1) * ground.cell_m
+    beyond = np.maximum(low - craters.position_m, craters.position_m - high).max(axis=1,
+                                                                                 initial=-np.inf)
+    # Those that decide planes within it.
+    craters = craters.select(beyond <= plane_margin_m(2.0 * craters.diameter_m))
     order = np.lexsort((craters.key, -craters.time))
     craters = craters.select(order)
     if coarse is None:
