@@ -46,7 +46,7 @@ def cut(wide: World, middle_m: tuple[float, float], samples: list[int],
               for field in dataclasses.fields(Rocks) if field.name != 'size_classes_m'}
     chosen['position_m'] = chosen['position_m'] + [*moved_m, 0.0]
     craters = dataclasses.replace(wide.craters, position_m=wide.craters.position_m + moved_m,
-                                  key=np.arange(len(wide.craters), dtype=np.uint32))
+                                  key=np.arange(len(wide.craters), dtype=np.uint64))
     near = np.abs(craters.position_m - middle).max(axis=1) < grids[-1].half_extent_m
     kept: Craters = craters.select(near)
     return dataclasses.replace(

@@ -58,7 +58,7 @@ def window(middle_m: tuple[float, float], half_m: float, around: tuple[float, fl
     rocks = Rocks(np.zeros(len(order), np.int32), size[order].astype(np.int32), place,
                   (turn / np.linalg.norm(turn, axis=1, keepdims=True))[order],
                   np.ones(len(order), np.float32), np.array([0.03, 0.06]),
-                  (1000 + 7 * order).astype(np.uint32))
+                  (1000 + 7 * order).astype(np.uint64))
     craters = Craters(np.array(around) + rng.uniform(-3.0, 3.0, (9, 2)), rng.uniform(0.6, 4.0, 9),
                       rng.uniform(0.0, 0.3, 9), np.zeros(9, np.int32))
     world = make_world(ground.heights_m, CELL_M, rocks, (shape(),))

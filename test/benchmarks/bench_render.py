@@ -310,10 +310,10 @@ def main():
     print(f'peak memory {peak:.2f} GiB')
     row('  next pose not known', *ours(world, config, track, ahead=False)[:2])
     others = {'10x the rocks': dataclasses.replace(
-        WorldConfig(), rocks=RockConfig(abundance=0.3, max_number=40000))}
+        WorldConfig(), rocks=RockConfig(abundance=0.3, max_per_m2=16.0))}
     if args.area:
         others['16x the area'] = dataclasses.replace(
-            WorldConfig(), size_m=4 * WorldConfig().size_m, rocks=RockConfig(max_number=40000))
+            WorldConfig(), size_m=4 * WorldConfig().size_m, rocks=RockConfig())
     for name, settings in others.items():
         other = build_world(settings, 1)
         wall_other, cpu_other, setup, _ = ours(other, config, track)

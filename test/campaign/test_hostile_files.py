@@ -60,7 +60,7 @@ BOMB = 'a: &a [x,x,x,x,x,x,x,x,x]\n' + ''.join(
     ('world: {ros__parameters: {size_m: 1e9}}', 'size_m'),
     ('world: {ros__parameters: {size_m: 1000.0, cell_m: 0.001}}', 'size_m'),
     ('world: {ros__parameters: {surroundings: {samples: 1000000}}}', 'samples'),
-    ('world: {ros__parameters: {rocks: {max_number: 1000000000}}}', 'max_number'),
+    ('world: {ros__parameters: {rocks: {max_per_m2: 1000000000.0}}}', 'max_per_m2'),
     ('render_node: {ros__parameters: {camera: {width: 1000000}}}', 'width'),
     ('/**: {ros__parameters: {rover: /dev/zero}}', '/dev/zero'),
     ('/**: {ros__parameters: {seed: 0x' + 'f' * 5000 + '}}', 'seed'),

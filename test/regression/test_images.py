@@ -7,7 +7,7 @@ from regression.conftest import DOUBLE, SINGLE
 from regression.scenes import hilly_levels, stereo_pair, stony_world, waves
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.ground.world import far_albedo, far_rocks, fine_relief
+from lunar_rover_sim.ground.world import albedo, far_rocks, fine_relief
 from lunar_rover_sim.image.camera import distortion, miscalibration
 from lunar_rover_sim.image.camera.config import CameraConfig, LensConfig, SensorConfig
 from lunar_rover_sim.image.camera.exposure import AutoExposure, first_exposure_s
@@ -190,7 +190,7 @@ def test_ground_beyond_and_below_the_grid(unchanged: Unchanged) -> None:
     made = fine_relief.mip_levels(slope, horizon, horizon, 3.0, 0.1, 0.5)
     rocks = far_rocks.far_rocks(world, 9.0)
     # Places of far rocks follow from exponentials in single precision, on no lattice.
-    unchanged(1e-4, albedo_1=far_albedo.far_albedo(world, 1),
-              albedo_2=far_albedo.far_albedo(world, 2), number=[len(rocks)],
+    unchanged(1e-4, albedo_1=albedo.far_albedo(world, 1),
+              albedo_2=albedo.far_albedo(world, 2), number=[len(rocks)],
               places=rocks.position_m, height=height, slope=slope, horizon=horizon,
               variance=np.concatenate([np.ravel(level) for level in made.slope_variance]))

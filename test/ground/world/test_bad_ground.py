@@ -32,7 +32,7 @@ def test_heights_in_other_units_are_converted(tmp_path, unit, metres):
     tiles = []
     for file in (write_tiff(tmp_path / 'm.tif', heights), edited(path, units=(unit,))):
         raster = open_dem(config(file))
-        tiles.append(raster.tile(20.0, 0.1).heights_m + raster.reference_m)
+        tiles.append(raster.tile((-20.0, 20.0, -20.0, 20.0), 0.1).heights_m + raster.reference_m)
         raster.close()
     np.testing.assert_allclose(*tiles, atol=1e-3)
 

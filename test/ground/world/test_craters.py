@@ -1,5 +1,6 @@
 """Craters: how old and how large they are, how they degrade, and how they are drawn."""
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -7,11 +8,12 @@ import pytest
 from scipy import integrate, special, stats
 from scipy.ndimage import map_coordinates
 
-from lunar_rover_sim.ground.world import stamping
+from lunar_rover_sim.ground.world import stamping, streams
 from lunar_rover_sim.ground.world.config import CraterConfig
 from lunar_rover_sim.ground.world.craters import (Craters, fresh_profile, keep_clear, populate,
                                                   profile_table, RADII, REACH, survivors)
-from lunar_rover_sim.ground.world.grid import window_of
+from lunar_rover_sim.ground.world.grid import part_of, window_of
+from lunar_rover_sim.ground.world.spline import Area
 
 ROUND = CraterConfig(irregularity=0.0)
 
@@ -181,6 +183,7 @@ def test_a_crater_as_deep_as_the_oldest_does_not_change():
     (10.0, -1.0, 2.0, (0, 2), (8, 13)), (20.0, 10.0, 2.0, (8, 13), (18, 20))])
 def test_a_window_holds_all_cells_within_reach(x0, y0, reach, rows, columns):
     found = window_of(x0, y0, reach, 20)
+    assert found == part_of(x0 + 7.0, y0 - 3.0, reach, (7, -3), (20, 20))
     assert (found[0].start, found[0].stop) == rows and (found[1].start, found[1].stop) == columns
 
 
@@ -190,13 +193,22 @@ def test_a_window_of_less_than_two_rows_or_columns_is_none(x0, y0, reach):
     assert window_of(x0, y0, reach, 20) is None
 
 
+@pytest.mark.parametrize('x0,y0,reach', [(-3.0, 5.0, 2.0), (5.0, 23.0, 2.0), (-1.0, 5.0, 0.9),
+                                         (5.0, 20.5, 1.4), (5.5, 5.5, 0.4)])
+def test_nothing_of_an_area_is_within_reach(x0, y0, reach):
+    assert part_of(x0, y0, reach, (0, 0), (20, 20)) is None
+    assert part_of(x0 - 300.0, y0 + 7.0, reach, (-300, 7), (20, 20)) is None
+
+
 CELL, SIDE = 0.05, 241
+FIRST = (-(SIDE // 2), -(SIDE // 2))
 
 
 def drawn(catalogue, config=ROUND, ground=None, seed=0):
     """Return a ground with craters drawn into it."""
     heights = np.zeros((SIDE, SIDE), np.float32) if ground is None else ground.astype(np.float32)
-    stamping.stamp(heights, CELL, catalogue, config, np.random.default_rng(seed))
+    keyed = dataclasses.replace(catalogue, key=streams.keys(0, seed, 0, len(catalogue)))
+    stamping.stamp(Area(heights, FIRST, CELL), keyed, config)
     return heights
 
 
@@ -281,7 +293,7 @@ def test_a_small_crater_leaves_the_ground_under_it_as_it_is():
 @pytest.mark.parametrize('age,strength', [(0.0, 1.0), (0.1, 0.25), (0.19, 0.0025), (0.2, 0.0)])
 def test_fresh_craters_are_bright_and_fade_with_the_square_of_age(age, strength):
     albedo = np.ones((SIDE, SIDE), np.float32)
-    stamping.brighten(albedo, CELL, craters([[1.0, -0.5]], [2.0], [age]), 0.1)
+    stamping.brighten(Area(albedo, FIRST, CELL), craters([[1.0, -0.5]], [2.0], [age]), 0.1)
     angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     rings = polar(albedo - 1.0, (1.0, -0.5), np.array([0.0, 0.5, 1.7, 3.6]), angles)
     assert np.ptp(rings, axis=0).max() < 0.004 * max(strength, 0.1)
@@ -292,7 +304,7 @@ def test_fresh_craters_are_bright_and_fade_with_the_square_of_age(age, strength)
 
 def test_craters_too_small_for_the_map_do_not_brighten_it():
     albedo = np.ones((SIDE, SIDE), np.float32)
-    stamping.brighten(albedo, CELL, craters([[0.0, 0.0]], [0.29], [0.0]), 0.1)
+    stamping.brighten(Area(albedo, FIRST, CELL), craters([[0.0, 0.0]], [0.29], [0.0]), 0.1)
     assert np.all(albedo == 1.0)
-    stamping.brighten(albedo, CELL, craters([[0.0, 0.0]], [0.31], [0.0]), 0.1)
+    stamping.brighten(Area(albedo, FIRST, CELL), craters([[0.0, 0.0]], [0.31], [0.0]), 0.1)
     assert albedo.max() > 1.09

@@ -313,21 +313,22 @@ def test_folder_of_an_array_equals_the_raster(tmp_path):
     a, b = open_dem(config(folder)), open_dem(config(tiff))
     assert a.reference_m == pytest.approx(b.reference_m)
     for half, cell in ((6.4, 0.025), (200.0, 1.6), (1600.0, 12.8)):
-        one, other = a.tile(half, cell), b.tile(half, cell)
+        one, other = (
+            source.tile((-half, half, -half, half), cell) for source in (a, b))
         assert np.allclose(one.heights_m, other.heights_m, atol=1e-3)
         assert np.allclose(one.x_m, other.x_m) and np.allclose(one.y_m, other.y_m)
     assert a.report['center_lon_lat_deg'] == [12.3, -89.5]
     a.close(), b.close()
     for pixel in ((5.0, -4.0), (4.0, -5.0)):
         oblong = open_dem(config(write_folder(tmp_path / str(pixel), heights, pixel)))
-        assert oblong.tile(30.0, 0.2).pixel_m == oblong.pixel_m == 5.0
+        assert oblong.tile((-30.0, 30.0, -30.0, 30.0), 0.2).pixel_m == oblong.pixel_m == 5.0
 
 
 def test_rows_from_the_south(tmp_path):
     heights = hills(60, 5.0)
     north = open_dem(config(write_folder(tmp_path / 'a', heights)))
     south = open_dem(config(write_folder(tmp_path / 'b', heights[::-1], (5.0, 5.0))))
-    a, b = north.tile(30.0, 0.2), south.tile(30.0, 0.2)
+    a, b = (source.tile((-30.0, 30.0, -30.0, 30.0), 0.2) for source in (north, south))
     assert np.allclose(a.heights_m, b.heights_m) and np.allclose(a.y_m, b.y_m)
 
 

@@ -104,7 +104,7 @@ def test_the_middle_of_a_file_that_lies_elsewhere_is_the_origin(tmp_path):
     mesh.export(tmp_path / 'map.ply')
     for center in ([0.0, 0.0], [2.0, -1.0]):
         source = MeshSource(config(tmp_path / 'map.ply', mesh={'center': center}))
-        tile = source.tile(4.0, 0.5)
+        tile = source.tile((-4.0, 4.0, -4.0, 4.0), 0.5)
         xy = np.stack(np.meshgrid(tile.x_m, tile.y_m), axis=-1)
         np.testing.assert_allclose(tile.heights_m + source.reference_m - 800.0,
                                    grid.height_at(xy + center), atol=1e-3)
@@ -300,7 +300,7 @@ def test_a_mesh_may_be_long_and_have_any_axis_up(tmp_path, up_axis, columns):
     path = tmp_path / 'long.ply'
     trimesh.Trimesh(vertices, faces, process=False).export(path)
     source = MeshSource(config(path, mesh={'up_axis': up_axis, 'resolution_m': 1.0}))
-    tile = source.tile(20.0, 0.5)
+    tile = source.tile((-20.0, 20.0, -20.0, 20.0), 0.5)
     np.testing.assert_allclose(tile.x_m, np.arange(-10.0, 11.0), atol=1e-6)
     np.testing.assert_allclose(tile.y_m, np.arange(-7.0, 8.0), atol=1e-6)
     shift = np.median(tile.heights_m - height)

@@ -11,11 +11,13 @@ import worlds
 
 from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.base.parameters import merge
-from lunar_rover_sim.ground.world import tile
+from lunar_rover_sim.ground.world import tile as terrain_tile
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.dem import open_dem
 from lunar_rover_sim.ground.world.levels import axis_m
+from lunar_rover_sim.ground.world.spline import Area
+from lunar_rover_sim.ground.world.tile import Tile
 
 MOON = '+proj=stere +lat_0=-90 +lon_0=0 +k=1 +x_0=0 +y_0=0 +R=1737400 +units=m +no_defs'
 EAST, NORTH = 0.11, -0.07     # metres that the ground rises per metre
@@ -66,7 +68,7 @@ SENSES = pytest.mark.parametrize('south_up', [False, True])
 def test_every_height_lies_where_its_pixel_is(tmp_path, kind, south_up, center, cell_m):
     """Means of whole pixels of a plane are its heights at their centres, however they are cut."""
     raster = opened(write(tmp_path / 'plane', kind, south_up), center=list(center))
-    tile = raster.tile(20.0, cell_m)
+    tile = raster.tile((-20.0, 20.0, -20.0, 20.0), cell_m)
     expected = (500.0 + EAST * (tile.x_m + center[0])
                 + NORTH * (tile.y_m + center[1])[:, None])
     np.testing.assert_allclose(tile.heights_m + raster.reference_m, expected, atol=2e-3)
@@ -75,10 +77,10 @@ def test_every_height_lies_where_its_pixel_is(tmp_path, kind, south_up, center, 
     np.testing.assert_allclose(np.diff(tile.x_m), factor * PIXEL_X)
     np.testing.assert_allclose(np.diff(tile.y_m), factor * PIXEL_Y)
     assert tile.pixel_m == factor * PIXEL_Y
-    # The window is covered with a pixel or more to spare, and no farther than needed.
+    # The window is covered with the pixels that a spline needs around it, and no farther.
     for axis, pixel in ((tile.x_m, PIXEL_X), (tile.y_m, PIXEL_Y)):
         assert axis[0] <= -20.0 + 0.5 * pixel * factor and axis[-1] >= 20.0 - 1.5 * pixel * factor
-        assert np.abs(axis).max() <= 20.0 + 5.0 * pixel * factor
+        assert np.abs(axis).max() <= 20.0 + (terrain_tile.PAD_PIXELS + 1.0) * pixel * factor
     raster.close()
 
 
@@ -121,7 +123,7 @@ def test_a_given_pixel_size_replaces_that_of_the_file(tmp_path, kind):
     raster = opened(write(tmp_path / 'plane', kind, False), pixel_m=1.5)
     assert (raster.pixel_x_m, raster.pixel_y_m) == (1.5, 1.5)
     assert raster.area_m == pytest.approx((-30.0, 30.0, -37.5, 37.5))
-    tile = raster.tile(10.0, 0.5)
+    tile = raster.tile((-10.0, 10.0, -10.0, 10.0), 0.5)
     # The plane is as high over as many pixels: steeper in x, and in y twice as steep.
     slope_x = np.diff(tile.heights_m, axis=1) / np.diff(tile.x_m)
     slope_y = np.diff(tile.heights_m, axis=0) / np.diff(tile.y_m)[:, None]
@@ -136,7 +138,7 @@ def test_a_center_by_column_and_row(tmp_path, kind, south_up):
     raster = opened(write(tmp_path / 'plane', kind, south_up), center_mode='pixel',
                     center=[25.0, 20.0])
     x, y = (25.0 - COLUMNS / 2) * PIXEL_X, (20.0 - ROWS / 2) * PIXEL_Y * (1 if south_up else -1)
-    tile = raster.tile(12.0, 0.5)
+    tile = raster.tile((-12.0, 12.0, -12.0, 12.0), 0.5)
     expected = 500.0 + EAST * (tile.x_m + x) + NORTH * (tile.y_m + y)[:, None]
     np.testing.assert_allclose(tile.heights_m + raster.reference_m, expected, atol=2e-3)
     raster.close()
@@ -147,10 +149,10 @@ def test_gaps_are_left_out_of_means_and_filled_between_their_neighbours(tmp_path
     heights = plane(False)
     heights[10:12, 10:12] = np.nan     # far from the ground, near the edge of the window
     raster = opened(write(tmp_path / 'plane', kind, False, heights))
-    tile = raster.tile(38.0, 0.5)
+    tile = raster.tile((-38.0, 38.0, -38.0, 38.0), 0.5)
     expected = 500.0 + EAST * tile.x_m + NORTH * tile.y_m[:, None]
     np.testing.assert_allclose(tile.heights_m + raster.reference_m, expected, atol=0.02)
-    coarse = raster.tile(38.0, 9.0)
+    coarse = raster.tile((-38.0, 38.0, -38.0, 38.0), 9.0)
     expected = 500.0 + EAST * coarse.x_m + NORTH * coarse.y_m[:, None]
     # A mean over a part of three by three pixels lies off its centre by a pixel at most.
     np.testing.assert_allclose(coarse.heights_m + raster.reference_m, expected, atol=0.3)
@@ -163,7 +165,7 @@ def test_a_gap_changes_no_mean_of_level_ground(tmp_path, kind):
     heights[10:12, 10:12] = np.nan
     raster = opened(write(tmp_path / 'level', kind, False, heights))
     for cell_m in (6.5, 9.0):
-        tile = raster.tile(38.0, cell_m)
+        tile = raster.tile((-38.0, 38.0, -38.0, 38.0), cell_m)
         np.testing.assert_allclose(tile.heights_m + raster.reference_m, 500.0, atol=1e-3)
     raster.close()
 
@@ -193,7 +195,7 @@ def test_pixels_smaller_than_a_metre(tmp_path, south_up):
     (path / 'dem.yaml').write_text(json.dumps(
         {'size': [100, 100], 'pixel_size': [0.4, 0.4 if south_up else -0.4]}))
     raster = opened(path)
-    tile = raster.tile(8.0, 0.4)
+    tile = raster.tile((-8.0, 8.0, -8.0, 8.0), 0.4)
     rise = np.diff(tile.heights_m, axis=0) / np.diff(tile.y_m)[:, None]
     np.testing.assert_allclose(rise, NORTH, atol=1e-3)
     raster.close()
@@ -205,7 +207,9 @@ def laid(height, n=129, cell_m=0.5, pixel_m=1.0, half_m=12.0):
     centres = np.arange(-half_m, half_m + 0.5 * pixel_m, pixel_m)
     heights = height(centres[None, :], centres[:, None]).astype(np.float32)
     ground = np.zeros((n, n), np.float32)
-    tile.lay(ground, cell_m, tile.Tile(heights, centres, centres, pixel_m), half_m)
+    measured = Tile(heights, (0, 0), (-half_m / pixel_m,) * 2, (pixel_m, pixel_m))
+    np.testing.assert_allclose(measured.x_m, centres)
+    terrain_tile.lay(Area(ground, (-(n // 2), -(n // 2)), cell_m), measured)
     return axis, ground, np.abs(axis) <= half_m + 1e-9
 
 
@@ -236,7 +240,8 @@ def uneven(x_low=-9.0, x_high=21.0, y_low=-15.0, y_high=6.0, pixel_m=3.0, seed=1
     x = np.arange(x_low, x_high + 0.5 * pixel_m, pixel_m)
     y = np.arange(y_low, y_high + 0.5 * pixel_m, pixel_m)
     heights = np.random.default_rng(seed).normal(size=(len(y), len(x))).astype(np.float32)
-    return tile.Tile(heights, x, y, pixel_m)
+    return Tile(heights, (5, -4), (x_low / pixel_m - 5.0, y_low / pixel_m + 4.0),
+                (pixel_m, pixel_m))
 
 
 def means_over_pixels(heights, axis, part):
@@ -255,17 +260,19 @@ def test_heights_of_a_tile_are_those_of_its_spline():
     """Wherever it lies; samples of the level fall on its pixels."""
     part, axis = uneven(), axis_m(121, 0.5)
     ground = np.random.default_rng(2).normal(size=(121, 121)).astype(np.float32)
-    # What is to be kept reaches beyond the tile: nothing is blended.
-    tile.lay(ground, 0.5, part, 30.0)
+    terrain_tile.lay(Area(ground, (-60, -60), 0.5), part)
     rows, columns = (np.isin(axis, at) for at in (part.y_m, part.x_m))
     np.testing.assert_allclose(ground[np.ix_(rows, columns)], part.heights_m, atol=1e-4)
 
 
 def test_detail_changes_no_mean_over_a_pixel():
-    """Added to a level, it is taken off again at the scale of the tile."""
+    """Added to a level, it is taken off again at the scale of the tile.
+
+    What is off beyond the border of the tile is not known.
+    """
     part, axis = uneven(), axis_m(121, 0.5)
     ground = np.random.default_rng(2).normal(size=(121, 121)).astype(np.float32)
-    tile.restore(ground, 0.5, part, 30.0, rounds=12)
+    ground += terrain_tile.correction(Area(ground, (-60, -60), 0.5), part)
     inner = slice(1, -1), slice(1, -1)
     np.testing.assert_allclose(means_over_pixels(ground, axis, part)[inner],
                                part.heights_m[inner], atol=0.02)
@@ -278,8 +285,8 @@ def test_less_than_two_pixels_are_no_terrain(x_high, y_high):
     assert 1 in part.heights_m.shape
     ground = np.random.default_rng(2).normal(size=(121, 121)).astype(np.float32)
     before = ground.copy()
-    tile.restore(ground, 0.5, part, 30.0)
-    tile.lay(ground, 0.5, part, 30.0)
+    assert not terrain_tile.correction(Area(ground, (-60, -60), 0.5), part).any()
+    terrain_tile.lay(Area(ground, (-60, -60), 0.5), part)
     np.testing.assert_array_equal(ground, before)
 
 
@@ -292,5 +299,5 @@ def test_craters_that_a_model_would_show_are_left_out_in_and_around_its_area():
     for diameter, expected in ((3.0, kept), (2.0, [True] * len(places))):
         craters = Craters(np.array(places), np.full(len(places), diameter),
                           np.zeros(len(places)), np.arange(len(places), dtype=np.int32))
-        found = tile.below_its_scale(craters, source).level
+        found = terrain_tile.below_its_scale(craters, source).level
         assert found.tolist() == np.flatnonzero(expected).tolist()

@@ -12,6 +12,7 @@ from lunar_rover_sim.ground.world.config import CraterConfig, ReliefConfig, Worl
 from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.relief import spectrum, structure_function
 from lunar_rover_sim.ground.world.shade import rms_slope_deg
+from lunar_rover_sim.ground.world.spline import Area
 
 FREE = {'craters': {'density': 0.0}, 'rocks': {'abundance': 0.0}}
 
@@ -182,14 +183,14 @@ def test_the_younger_crater_lies_on_top():
     both = np.zeros((n, n), np.float32)
     swapped, alone = both.copy(), both.copy()
     level = np.zeros(2, np.int32)
-    rng = np.random.default_rng(0)
-    stamping.stamp(both, cell, Craters(position, diameter, age, level), config, rng)
-    stamping.stamp(swapped, cell, Craters(position[::-1], diameter[::-1], age[::-1], level),
-                   config, rng)
+    first = (-(n // 2), -(n // 2))
+    stamping.stamp(Area(both, first, cell), Craters(position, diameter, age, level), config)
+    stamping.stamp(Area(swapped, first, cell),
+                   Craters(position[::-1], diameter[::-1], age[::-1], level), config)
     # Time decides, not the order of the list.
     assert np.array_equal(both, swapped)
-    stamping.stamp(alone, cell, Craters(position[1:], diameter[1:], age[1:], level[1:]), config,
-                   rng)
+    stamping.stamp(Area(alone, first, cell),
+                   Craters(position[1:], diameter[1:], age[1:], level[1:]), config)
     axis = (np.arange(n) - 0.5 * (n - 1)) * cell
     in_young = np.hypot(axis - 1.5, axis[:, None]) < 1.6
     in_old = (np.hypot(axis + 1.5, axis[:, None]) < 2.0) & in_young

@@ -25,7 +25,7 @@ OTHERS = {
         'rocks': {'abundance': 0.06, 'min_diameter_m': 0.05}, 'albedo': {'variation': 0.0}}),
     'rocks': ('2cea98f04c35563f42881e7b3747de33', {
         'clear_radius_m': 1.7, 'albedo': {'grain': 0.0}, 'craters': {'density': 0.1},
-        'rocks': {'max_number': 9, 'abundance': 0.2, 'decay_per_m': 3.0, 'tilt_deg': 40.0,
+        'rocks': {'max_per_m2': 0.2, 'abundance': 0.2, 'decay_per_m': 3.0, 'tilt_deg': 40.0,
                   'near_craters': 30.0, 'burial': 0.6, 'size_classes': 5}}),
     'relief': ('571e55f5d0f811a9d40600021bc4ef2c', {
         'size_m': 12.8, 'cell_m': 0.1, 'albedo': {'fresh_crater': 0.0},

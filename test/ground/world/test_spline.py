@@ -7,9 +7,11 @@ from scipy.interpolate import CubicSpline
 from scipy.sparse.linalg import spsolve
 
 from lunar_rover_sim.ground.world import levels as nest
+from lunar_rover_sim.ground.world import spline
 from lunar_rover_sim.ground.world.config import LEVEL_RATIO, WorldConfig
 from lunar_rover_sim.ground.world.fill import harmonic_fill, plate_fill
 from lunar_rover_sim.ground.world.grid import HeightGrid
+from lunar_rover_sim.ground.world.spline import Area
 
 # Eight samples beyond the ends stand for all: a spline forgets by sqrt(3) - 2 a sample.
 FORGOTTEN = 4.0 * (2.0 - 3.0**0.5)**8
@@ -46,16 +48,30 @@ def test_few_samples_are_interpolated_all_the_same():
                                    atol=FORGOTTEN)
 
 
-def test_a_finer_level_is_the_spline_of_its_parent():
-    """It takes no more of the parent than it needs, and nobody sees where that ends."""
+def test_a_finer_lattice_is_the_spline_of_a_coarse_area():
     rng = np.random.default_rng(2)
-    heights = rng.normal(size=(61, 61)).astype(np.float32)
-    parent = HeightGrid(heights, 2.0)
-    found = nest.refine(parent, 65, 0.25)
-    axis, fine = nest.axis_m(61, 2.0), nest.axis_m(65, 0.25)
-    assert (axis[0], axis[-1]) == (-60.0, 60.0) and (fine[0], fine[-1]) == (-8.0, 8.0)
-    np.testing.assert_allclose(found, natural(axis, axis, heights, fine, fine), atol=FORGOTTEN)
-    np.testing.assert_allclose(found[::8, ::8], heights[26:35, 26:35], atol=FORGOTTEN)
+    values = rng.normal(size=(70, 81))
+    coarse = Area(values, (-30, -12), 2.0)
+    found = spline.refined(coarse, (-30, 70), (57, 49), 8)
+    y, x = -12.0 + np.arange(70), -30.0 + np.arange(81)
+    expected = natural(y, x, values, (70.0 + np.arange(57)) / 8.0, (-30.0 + np.arange(49)) / 8.0)
+    # The filter is cut after 16 samples.
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize('ratio', [2, 8])
+def test_the_spline_of_a_place_is_the_same_in_all_areas(ratio):
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=(120, 130)).astype(np.float32)
+    wide = Area(values, (-70, -60), 0.2)
+    for first, shape in (((-40, -33), (60, 51)), ((-7, 0), (9, 17)), ((3, -30), (1, 1))):
+        begin, size = spline.needed(first, shape, ratio)
+        whole = spline.refined(wide, (-45, -40), (100, 120), ratio)
+        part = spline.refined(wide.part(begin, size), first, shape, ratio)
+        row, column = first[1] + 40, first[0] + 45
+        np.testing.assert_array_equal(part, whole[row:row + shape[0], column:column + shape[1]])
+    with pytest.raises(ValueError, match='is not within'):
+        spline.refined(wide, (0, 0), (1000, 1000), ratio)
 
 
 @pytest.mark.parametrize('size_m,cell_m,extent_m,samples', [
