@@ -128,6 +128,8 @@ def rates_per_m2(config: RockConfig) -> Array:
 
     They are more than the law has by those that overlap a larger one.
     """
+    if config.abundance == 0.0 or config.max_per_m2 == 0.0:
+        return np.zeros(config.size_classes)
     edges = np.geomspace(config.min_diameter_m, config.max_diameter_m, config.size_classes + 1)
     number = np.maximum(-np.diff(number_per_m2(config, edges)), 0.0)
     # The smallest are left out where there would be too many.

@@ -65,7 +65,8 @@ class Site:
         if config.source != PROCEDURAL:
             source = self._opened().source
             assert source is not None
-            holds = min(map(abs, source.area_m))
+            # Half of the outermost pixels is extrapolated.
+            holds = min(map(abs, source.area_m)) - source.pixel_m
             if holds < room:
                 logger.info('world.site_km: %g; %s holds %.3g m on each side of the origin, and '
                             'the site ends there', config.site_km, config.path, holds)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+import scipy  # its parts when they are used
 
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world import streams
@@ -47,7 +48,7 @@ def stamp(ground: Area, craters: Craters, config: CraterConfig, coarse: Area | N
         craters: In the frame of the site.
         config: Of their profiles.
         coarse: The ground before craters on a lattice `COARSER` times as wide, with a margin, see
-            `plane_margin_m`; it is changed. By default it is taken from `ground`.
+            `plane_margin_m`; it is changed. By default it is `ground`, smoothed.
     """
     low = np.array(ground.first) * ground.cell_m
     high = low + (np.array(ground.values.shape[::-1]) - 1) * ground.cell_m
@@ -58,9 +59,12 @@ def stamp(ground: Area, craters: Craters, config: CraterConfig, coarse: Area | N
     order = np.lexsort((craters.key, -craters.time))
     craters = craters.select(order)
     if coarse is None:
+        smooth = ground.values
+        for _ in range(2):
+            smooth = scipy.ndimage.uniform_filter(smooth, COARSER + 1, mode='nearest')
         first = [-(-f // COARSER) for f in ground.first]
         start = [COARSER * c - f for c, f in zip(first, ground.first)]
-        coarse = Area(ground.values[start[1]::COARSER, start[0]::COARSER].copy(),
+        coarse = Area(smooth[start[1]::COARSER, start[0]::COARSER].copy(),
                       (first[0], first[1]), COARSER * ground.cell_m)
     # Two to four lobes with random phases shape the outline; their power falls with the order.
     drawn = streams.normals(craters.key, 'outline', 6)

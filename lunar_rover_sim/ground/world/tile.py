@@ -139,7 +139,7 @@ def _known(ground: Area, tile: Tile) -> tuple[slice, slice, NDArray[np.float32] 
     for k in (0, 1):
         place = tile.place(k, ground.first[k], ground.values.shape[1 - k], ground.cell_m)
         last = tile.heights_m.shape[1 - k] - 1
-        inside = np.flatnonzero((place >= -0.5 - 1e-9) & (place <= last + 0.5 + 1e-9))
+        inside = np.flatnonzero((place >= -1e-9) & (place <= last + 1e-9))
         if len(inside) < 2:
             return nothing, nothing, None
         parts.append(slice(int(inside[0]), int(inside[-1]) + 1))

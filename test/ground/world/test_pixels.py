@@ -272,7 +272,8 @@ def test_detail_changes_no_mean_over_a_pixel():
     """
     part, axis = uneven(), axis_m(121, 0.5)
     ground = np.random.default_rng(2).normal(size=(121, 121)).astype(np.float32)
-    ground += terrain_tile.correction(Area(ground, (-60, -60), 0.5), part)
+    for _ in range(2):      # six samples to a pixel leave 2 % of what is off
+        ground += terrain_tile.correction(Area(ground, (-60, -60), 0.5), part)
     inner = slice(1, -1), slice(1, -1)
     np.testing.assert_allclose(means_over_pixels(ground, axis, part)[inner],
                                part.heights_m[inner], atol=0.02)
