@@ -90,7 +90,8 @@ def _mean_of_craters(config: WorldConfig, box: Box, first: tuple[int, int], n: i
     field = field_for(box)
     stamping.brighten(field, dataclasses.replace(
         large, position_m=at_middles(large.position_m, field.cell_m)), config.albedo.fresh_crater)
-    return on_lattice(small + smoothed(field, first, (n, n), config.cell_m), ALBEDO_STEP)
+    x, y = ((f + np.arange(n)) * config.cell_m for f in first)
+    return on_lattice(small + smoothed(field, x, y[:, None]), ALBEDO_STEP)
 
 
 def _mean_of_small(craters: CraterConfig, albedo: AlbedoConfig, least_m: float) -> float:

@@ -27,27 +27,38 @@ def field_for(box: tuple[float, float, float, float]) -> Area:
     return Area(np.zeros((count[1], count[0])), (first[0], first[1]), CELL_M)
 
 
-def smoothed(field: Area, first: tuple[int, int], shape: tuple[int, int],
-             cell_m: float) -> Array:
-    """Return the means over blocks of a `field_for`, bilinear between their middles.
+def middles(field: Area) -> tuple[Array, Array]:
+    """Return the places of the middles of the cells along x and y [m]."""
+    x, y = ((first + np.arange(count) + 0.5) * field.cell_m
+            for first, count in zip(field.first, field.values.shape[::-1]))
+    return x, y
+
+
+def box_of(field: Area) -> tuple[float, float, float, float]:
+    """Return x low, x high, y low and y high of a field [m]."""
+    (x, y), (rows, columns), cell = field.first, field.values.shape, field.cell_m
+    return x * cell, (x + columns) * cell, y * cell, (y + rows) * cell
+
+
+def smoothed(field: Area, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> Array:
+    """Return the means over blocks of a `field_for` at places, bilinear between their middles.
 
     Args:
-        first, shape: Of cells of another width [cell_m], at whose middles they are wanted.
+        x_m, y_m: Places of shapes that go together.
     """
     rows, columns = (n // _CELLS for n in field.values.shape)
     blocks = np.ascontiguousarray(field.values.reshape(rows, _CELLS, columns, _CELLS)
                                   .transpose(0, 2, 1, 3)).reshape(rows, columns, -1).mean(axis=2)
     taps = []
-    for begin, n, origin in ((first[1], shape[0], field.first[1]),
-                             (first[0], shape[1], field.first[0])):
-        place = (begin + np.arange(n) + 0.5) * cell_m / BLOCK_M
+    for place, origin in ((y_m / BLOCK_M, field.first[1]), (x_m / BLOCK_M, field.first[0])):
         whole = np.floor(place)
         # The middle of block b is at b; the first one is this.
         number = (origin + _CELLS // 2) // _CELLS
         taps.append(((whole - number).astype(np.int64), place - whole))
     (row, v), (column, u) = taps
-    lines = (1.0 - v)[:, None] * blocks[row] + v[:, None] * blocks[row + 1]
-    return np.asarray((1.0 - u) * lines[:, column] + u * lines[:, column + 1])
+    low = (1.0 - u) * blocks[row, column] + u * blocks[row, column + 1]
+    high = (1.0 - u) * blocks[row + 1, column] + u * blocks[row + 1, column + 1]
+    return np.asarray((1.0 - v) * low + v * high)
 
 
 def at_middles(position_m: NDArray[np.float64], cell_m: float) -> Array:

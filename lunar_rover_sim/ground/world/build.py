@@ -163,10 +163,7 @@ class Builder:
 
     def _bright(self, box: Box) -> Craters:
         """Return the craters whose bright soil reaches a box, and large ones of its blocks."""
-        field = block_means.field_for(box)
-        rows, columns = field.values.shape
-        x, y = (f * field.cell_m for f in field.first)
-        blocks = (x, x + columns * field.cell_m, y, y + rows * field.cell_m)
+        blocks = block_means.box_of(block_means.field_for(box))
         large, largest = albedo.BLOCK_CRATER_M, self.config.craters.max_diameter_m
         return Craters.join([
             self._terrain.craters.within(widened(box, 1.75 * large), 6.0 * self.config.cell_m,
@@ -180,10 +177,10 @@ class Builder:
         Each level shows the finer one within it.
         """
         cells = [cell for _, cell in self._terrain.plan]
-        for heights, cell in zip(arrays[1:], cells[1:]):
-            bend(heights, cell, math.sqrt(0.5) * self.config.size_m)
         for k in range(len(arrays) - 2, 0, -1):
             nest.fit_border(arrays[k], cells[k], HeightGrid(arrays[k + 1], cells[k + 1]))
+        for heights, cell in zip(arrays[1:], cells[1:]):
+            bend(heights, cell, math.sqrt(0.5) * self.config.size_m)
         for k in range(1, len(arrays)):
             nest.embed(arrays[k], arrays[k - 1])
         for k in range(len(arrays) - 2, -1, -1):

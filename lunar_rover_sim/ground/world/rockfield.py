@@ -17,12 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 import scipy  # its parts when they are used
 
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, product_wxyz
-from lunar_rover_sim.ground.world import rays, streams
+from lunar_rover_sim.ground.world import block_means, rays, streams
 from lunar_rover_sim.ground.world.config import RockConfig, SITES
 from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.grid import (ALBEDO_STEP, height_step_m, HeightGrid, on_lattice,
                                                part_of, round_to, significant)
 from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
+from lunar_rover_sim.ground.world.spline import Area
 
 logger = logging.getLogger(__name__)
 
@@ -165,9 +166,10 @@ def population(config: RockConfig, seed: int, box: Box, craters: Craters, clear_
         if not len(chosen) or end_m <= least_m or not rates[chosen].any():
             continue
         near = fresh.select(fresh.diameter_m > kind.crater_m)
+        field = _crowding(config, kind, around, near)
         columns, rows = (range(math.floor(a / kind.tile_m), math.floor(b / kind.tile_m) + 1)
                          for a, b in (around[:2], around[2:]))
-        parts += [_tile(config, seed, kind, chosen, rates[chosen], (x, y), near)
+        parts += [_tile(config, seed, kind, chosen, rates[chosen], (x, y), near, field)
                   for y in rows for x in columns]
     if not parts:
         return Population(np.empty((0, 2)), np.empty(0, np.int64), np.empty(0, np.uint64))
@@ -181,12 +183,9 @@ def population(config: RockConfig, seed: int, box: Box, craters: Craters, clear_
 
 def known_around(config: RockConfig, box: Box) -> Box:
     """Return within what the craters must be known that `population` takes for a box."""
-    side = max(kind.tile_m for kind in _KINDS)
     margin = 2.0 * _OVERLAP * config.max_diameter_m
-    low, high = ([side * (math.floor(edge / side) + more) for edge in edges]
-                 for more, edges in ((0, (box[0] - margin, box[2] - margin)),
-                                     (1, (box[1] + margin, box[3] + margin))))
-    return low[0], high[0], low[1], high[1]
+    return block_means.box_of(block_means.field_for((box[0] - margin, box[1] + margin,
+                                                     box[2] - margin, box[3] + margin)))
 
 
 def scatter(config: RockConfig, seed: int, ground: HeightGrid, shapes: tuple[RockShape, ...],
@@ -268,8 +267,8 @@ def _within(xy_m: Array, box: Box) -> NDArray[np.bool_]:
 
 
 def _tile(config: RockConfig, seed: int, kind: _Kind, classes: NDArray[np.int64], rates: Array,
-          tile: tuple[int, int],
-          craters: Craters) -> tuple[Array, NDArray[np.int64], streams.Keys]:
+          tile: tuple[int, int], craters: Craters,
+          field: Area) -> tuple[Array, NDArray[np.int64], streams.Keys]:
     """Return places, sizes and keys of the candidates of a kind on a tile."""
     side = kind.tile_m
     reach = 0.5 * craters.diameter_m * (rays.RAY_REACH if kind.rays else _RIM_REACH)
@@ -284,15 +283,40 @@ def _tile(config: RockConfig, seed: int, kind: _Kind, classes: NDArray[np.int64]
     xy = on_lattice((np.array(tile) + drawn[:, :2]) * side, _POSITION_STEP_M)
     density = np.ones(len(size))
     for i in range(len(near)):
-        place = (xy - near.position_m[i]) / (0.5 * near.diameter_m[i])
-        rho = np.hypot(*place.T)
-        density += np.where(rho < _RIM_REACH,
-                            amount[i] * np.exp(-0.5 * ((rho - 1.15) / 0.4)**2), 0.0)
-        if kind.rays:
-            density += amount[i] * np.minimum(rays.strength(near, i, *place.T), 1.0)
+        density += _gathered(config, kind, near, i, *(xy - near.position_m[i]).T)
+    # Over a block of 51.2 m there are as many as on the plain.
+    density /= block_means.smoothed(field, *xy.T)
     taken = drawn[:, 2] * most < density
     key = streams.keys(_KEYS + kind.number, *tile, len(size))
     return xy[taken], size[taken], key[taken]
+
+
+def _gathered(config: RockConfig, kind: _Kind, craters: Craters, i: int, dx_m: Array,
+              dy_m: Array) -> Array:
+    """Return what crater i adds to the density of rocks at offsets from its middle."""
+    radius = 0.5 * craters.diameter_m[i]
+    amount = config.near_craters * (1.0 - craters.age[i] / _FRESH)
+    rho = np.hypot(dx_m, dy_m) / radius
+    added = np.where(rho < _RIM_REACH, np.exp(-0.5 * ((rho - 1.15) / 0.4)**2), 0.0)
+    if kind.rays:
+        added = added + np.minimum(rays.strength(craters, i, dx_m / radius, dy_m / radius), 1.0)
+    return np.asarray(amount * added)
+
+
+def _crowding(config: RockConfig, kind: _Kind, box: Box, craters: Craters) -> Area:
+    """Return the relative density of a kind over the blocks around a box."""
+    field = block_means.field_for(box)
+    field.values[:] = 1.0
+    x, y = block_means.middles(field)
+    for i in range(len(craters)):
+        reach = 0.5 * craters.diameter_m[i] * (rays.RAY_REACH if kind.rays else _RIM_REACH)
+        at = block_means.at_middles(craters.position_m[i], field.cell_m) / field.cell_m
+        part = part_of(at[0], at[1], reach / field.cell_m, field.first, field.values.shape)
+        if part is not None:
+            dx, dy = np.broadcast_arrays(x[part[1]] - craters.position_m[i, 0],
+                                         (y[part[0]] - craters.position_m[i, 1])[:, None])
+            field.values[part] += _gathered(config, kind, craters, i, dx, dy)
+    return field
 
 
 def apart(xy: Array, diameter: Array) -> NDArray[np.bool_]:

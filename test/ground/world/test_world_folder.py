@@ -230,7 +230,7 @@ def test_cache_notices_a_changed_source(tmp_path):
 
 
 def test_a_damaged_entry_heals_whichever_file_it_is(tmp_path, monkeypatch, caplog):
-    """A bit, the end, or all of each file; a text in the report; and a file in place of all."""
+    """Bits, the end, or all of each file; a text in the report; and a file in place of all."""
     monkeypatch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path / 'cache'))
     config = WorldConfig.from_mapping(TINY)
     folder = cache.cached(config, 7)
@@ -248,7 +248,8 @@ def test_a_damaged_entry_heals_whichever_file_it_is(tmp_path, monkeypatch, caplo
     for name, content in whole.items():
         middle = len(content) // 2
         for damage in (None, content[:middle],
-                       content[:middle] + bytes([content[middle] ^ 4]) + content[middle + 1:]):
+                       content[:middle] + bytes(b ^ 4 for b in content[middle:middle + 80])
+                       + content[middle + 80:]):
             path = folder / name
             path.unlink()
             if damage is not None:
