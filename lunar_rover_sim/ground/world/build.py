@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import dataclasses
 import math
 
 import numpy as np
@@ -19,7 +18,7 @@ from lunar_rover_sim.ground.world.config import DEM, MESH, WorldConfig
 from lunar_rover_sim.ground.world.crater_field import Box, widened
 from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.dem import open_dem
-from lunar_rover_sim.ground.world.grid import height_step_m, HeightGrid, on_lattice
+from lunar_rover_sim.ground.world.grid import height_step_m, HeightGrid, on_lattice, round_to
 from lunar_rover_sim.ground.world.levels import axis_m
 from lunar_rover_sim.ground.world.mesh import MeshSource
 from lunar_rover_sim.ground.world.model import World
@@ -124,8 +123,9 @@ class Builder:
             self.source.check_window(middle_m)
         arrays = self._terrain.levels(middle_m, tell)
         origin = self._height_of_origin()
-        for heights in arrays:
+        for heights, cell in zip(arrays, self._terrain.cells):
             heights -= np.float32(origin)
+            round_to(heights, height_step_m(cell))
         report = dict(self.source.report) if self.source is not None else {}
         report['recipe'] = world_folder.RECIPE
         report['origin_height_m'] = origin + (
@@ -179,6 +179,7 @@ class Builder:
         cells = [cell for _, cell in self._terrain.plan]
         for k in range(len(arrays) - 2, 0, -1):
             nest.fit_border(arrays[k], cells[k], HeightGrid(arrays[k + 1], cells[k + 1]))
+            round_to(arrays[k], height_step_m(cells[k]))
         for heights, cell in zip(arrays[1:], cells[1:]):
             bend(heights, cell, math.sqrt(0.5) * self.config.size_m)
         for k in range(1, len(arrays)):

@@ -17,9 +17,8 @@ import numpy as np
 from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.ground.world import streams
 from lunar_rover_sim.ground.world.config import CraterConfig
-from lunar_rover_sim.ground.world.craters import (Craters, density_per_m2, keep_clear,
-                                                  MAX_CRATERS, populate, POSITION_STEP_M,
-                                                  survivors)
+from lunar_rover_sim.ground.world.craters import (Craters, density_per_m2, keep_clear, MAX_CRATERS,
+                                                  populate, POSITION_STEP_M, survivors)
 from lunar_rover_sim.ground.world.grid import on_lattice
 from lunar_rover_sim.ground.world.tile import below_its_scale, Source
 

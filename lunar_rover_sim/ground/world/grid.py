@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-
 _FRACTIONS = 4096.0     # of a cell, at which a sample may lie
 
 

@@ -155,8 +155,8 @@ class MeshSource:
         """Return the heights in a box and around it, sampled at `resolution_m` or the cell."""
         spacing = max(self.pixel_m, cell_m)
         pad = PAD_PIXELS * spacing
-        first, _, hits = self._cast((box_m[0] - pad, box_m[1] + pad, box_m[2] - pad,
-                                        box_m[3] + pad), spacing)
+        x0, x1, y0, y1 = box_m
+        first, _, hits = self._cast((x0 - pad, x1 + pad, y0 - pad, y1 + pad), spacing)
         known = np.isfinite(hits.top_m)
         if not known.any():
             return None

@@ -17,8 +17,8 @@ import scipy.ndimage
 
 from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.base.frames import Array
-from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.albedo import far_albedo
+from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.far_rocks import far_rocks
 from lunar_rover_sim.ground.world.map_projection import projected_origin
 from lunar_rover_sim.ground.world.model import World

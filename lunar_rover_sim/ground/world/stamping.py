@@ -35,7 +35,8 @@ def plane_margin_m(largest_m: Any) -> Any:
     return 2.0 * (0.85 + 0.5 * REACH) * largest_m
 
 
-def stamp(ground: Area, craters: Craters, config: CraterConfig, coarse: Area | None = None) -> None:
+def stamp(ground: Area, craters: Craters, config: CraterConfig,
+          coarse: Area | None = None) -> None:
     """Draw craters into heights [m], in place, in order of time.
 
     Within its rim a crater erases the previous relief: the ground is drawn towards its best-fit

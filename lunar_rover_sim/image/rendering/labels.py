@@ -39,7 +39,7 @@ class Numbers:
         # Those not in the present window come first, the one that left first before all.
         self._keys, self._numbers = np.zeros(0, np.uint64), np.zeros(0, np.int64)
 
-    def of(self, keys: NDArray[np.uint32]) -> NDArray[np.uint16]:
+    def of(self, keys: NDArray[np.uint64]) -> NDArray[np.uint16]:
         """Return the (m,) numbers of what has these keys and is in the window from now on."""
         present = _distinct(keys)
         stays = np.isin(self._keys, present)
@@ -59,14 +59,14 @@ class Numbers:
         return result
 
 
-def _distinct(keys: NDArray[np.uint32]) -> NDArray[np.uint64]:
+def _distinct(keys: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """Return keys that differ, also where two of (m,) are the same by chance."""
     order = np.argsort(keys, kind='stable')
     ordered = keys[order]
     starts = np.flatnonzero(np.append(True, ordered[1:] != ordered[:-1])[:len(keys)])
     again = np.arange(len(keys)) - np.repeat(starts, np.diff(np.append(starts, len(keys))))
     result = keys.astype(np.uint64)
-    result[order] += again.astype(np.uint64) << np.uint64(32)
+    result[order] += again.astype(np.uint64) << np.uint64(52)
     return result
 
 

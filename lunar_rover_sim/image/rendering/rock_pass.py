@@ -60,7 +60,7 @@ def rock_table(rocks: Rocks, light: F32, ground_m: Array) -> F32:
 
 def _looks(rocks: Rocks) -> NDArray[np.uint32]:
     """Return (m,) numbers that shift the texture of each rock; float32 holds their fractions."""
-    return rocks.key & np.uint32(0xffff)
+    return (rocks.key & np.uint64(0xffff)).astype(np.uint32)
 
 
 class RockPass:

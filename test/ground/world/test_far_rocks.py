@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import worlds
 
-from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.albedo import far_albedo, RECIPE
+from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.far_rocks import far_rocks, least_diameter_m
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.rays import add_rays
