@@ -86,7 +86,9 @@ def test_two_windows_show_one_picture(renderer, windows):
         # Coarse texels and indirect light are known on cells that count from the border.
         assert (levels[first.depth_m < 5.0] <= 1).mean() > 0.999
         assert (levels[near] <= 1).mean() > 0.997
-        assert (levels <= 1).mean() > 0.99
+        # Where the fine ground of the first window ends, 19 m away, the second goes on; in one
+        # picture that ground takes a fifth of the pixels.
+        assert (levels <= 1).mean() > 0.97
         apart = np.abs(first.depth_m[near] / second.depth_m[near] - 1.0)
         assert (apart < 1e-5).mean() > 0.999        # the rest: rays that graze a stone of relief
         assert (first.label[near] == second.label[near]).mean() > 0.9999
