@@ -15,9 +15,11 @@ class Windows(Protocol):
 
     Attributes:
         step_m: Distance between the middles of neighbouring windows [m].
+        half_extent_m: Where the last window ends [m].
     """
 
     step_m: float
+    half_extent_m: float
 
     def middle(self, xy_m: Sequence[float],
                now_m: tuple[float, float] | None = None) -> tuple[float, float]:
@@ -38,33 +40,11 @@ class Windows(Protocol):
         """End what is being made."""
 
 
-class OneWindow:
-    """A world that was made by hand: its own only window."""
-
-    step_m = 12.8
-
-    def __init__(self, world: World) -> None:
-        self._world = world
-
-    def middle(self, xy_m: Sequence[float],
-               now_m: tuple[float, float] | None = None) -> tuple[float, float]:
-        """Return the middle of the world."""
-        return self._world.ground.middle_m
-
-    def window(self, middle_m: tuple[float, float]) -> World:
-        """Return the world."""
-        return self._world
-
-    def ahead(self, middle_m: tuple[float, float]) -> None:
-        """Do nothing: it is there."""
-
-    def close(self) -> None:
-        """Do nothing."""
-
-
 def site_of(world: World) -> Windows:
-    """Return the site that a world is a window of."""
-    return OneWindow(world)
+    """Return the site that a world is a window of; one that was made by hand is all of its own."""
+    # Here, because only who changes windows needs what builds them.
+    from lunar_rover_sim.ground.world.site import Site
+    return Site.of(world)
 
 
 # Offsets of the rover from the middle of its window, in steps of the site: from the first on the
