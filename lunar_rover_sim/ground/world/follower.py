@@ -40,6 +40,30 @@ class Windows(Protocol):
         """End what is being made."""
 
 
+class OneWindow:
+    """A world that is never left: its own only window."""
+
+    step_m = 12.8
+
+    def __init__(self, world: World) -> None:
+        self._world, self.half_extent_m = world, world.ground.half_extent_m
+
+    def middle(self, xy_m: Sequence[float],
+               now_m: tuple[float, float] | None = None) -> tuple[float, float]:
+        """Return the middle of the world."""
+        return self._world.ground.middle_m
+
+    def window(self, middle_m: tuple[float, float]) -> World:
+        """Return the world."""
+        return self._world
+
+    def ahead(self, middle_m: tuple[float, float]) -> None:
+        """Do nothing: it is there."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
 def site_of(world: World) -> Windows:
     """Return the site that a world is a window of; one that was made by hand is all of its own."""
     # Here, because only who changes windows needs what builds them.

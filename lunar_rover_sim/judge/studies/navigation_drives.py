@@ -24,6 +24,7 @@ from lunar_rover_sim.autonomy.navigation.traversability import (belly_clearance_
 from lunar_rover_sim.autonomy.path_following.driver import DONE, Driver, STOPPED
 from lunar_rover_sim.base.errors import PhysicsError
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, path_length, se3, wxyz_from_matrix
+from lunar_rover_sim.ground.world.follower import OneWindow
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.stereo.seen_depth import SeenDepth
 from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
@@ -186,7 +187,7 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
     shortest = Planner(truth, nav.plan, limits.radius_m, start_of(scenario)).plan(goal_m)
     with ExitStack() as owned:
         simulation = owned.enter_context(
-            Simulation(world, scenario.rover, scenario.physics_node))
+            Simulation(world, scenario.rover, scenario.physics_node, OneWindow(world)))
         controller = scenario.gait_controller()
         steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
         state = simulation.state

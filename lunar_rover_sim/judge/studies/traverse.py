@@ -17,6 +17,7 @@ from lunar_rover_sim.base.errors import PhysicsError, StudyError
 from lunar_rover_sim.base.frames import Array, path_length, tilt_deg
 from lunar_rover_sim.ground.world.cache import cached
 from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.follower import OneWindow
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.world_folder import load_world
@@ -369,7 +370,7 @@ def traverse(world: World, seed: int, settings: TraverseSettings) -> Traverse:
     """Drive random waypoints over a world; raise StudyError if there is no route."""
     length_m = 1.5 * settings.drive.speed_mps * settings.duration_s
     plan = functools.partial(random_waypoints, world, length_m, np.random.default_rng(seed))
-    with Simulation(world, settings.rover, settings.physics) as simulation:
+    with Simulation(world, settings.rover, settings.physics, OneWindow(world)) as simulation:
         controller = GaitController(settings.gait, GaitCalibration.of(
             settings.gait, settings.physics.ground.name, settings.rover.name),
             settings.rover.legs)
