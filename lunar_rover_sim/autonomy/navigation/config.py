@@ -83,7 +83,7 @@ class TraversabilityConfig(Parameters):
     max_step_m: float = param(0.0, 'height over the ground around it that the rover must not '
                               'cross; 0: its belly clearance while it walks, or 0.6 of a spoke, '
                               'whichever is less', unit='m', low=0.0, high=2.0)
-    max_slope_deg: float = param(22.0, 'slope that it must not cross', unit='deg', low=1.0,
+    max_slope_deg: float = param(16.0, 'slope that it must not cross', unit='deg', low=1.0,
                                  high=60.0)
     max_roughness_m: float = param(0.0, 'RMS of heights about a plane as large as the rover; 0: '
                                    '0.4 of the greatest step', unit='m', low=0.0, high=1.0)

@@ -42,6 +42,7 @@ _AROUND_TURNS = 6           # of a sixth of a circle each, where no way is seen
 _METRES_PER_RADIAN = 0.3    # weight of turning, where motion is looked at
 _LOOKAHEAD_SHARES, _ARC_POINTS = (1.0, 0.5, 0.25), 9    # of the pursuit near obstacles
 _CHECK_NS = 100_000_000
+_LET_DOWN_NS = NS_PER_S // 2    # of standing, in which legs that stand let a body down that rears
 _SETTLED_NS = NS_PER_S      # after which a walking body is at rest
 _NEARER_M = 0.3             # progress to the goal that counts
 _RECOVERED_M = 1.0          # nearer by this, earlier recoveries do not count any more
@@ -55,6 +56,7 @@ class Status(str, enum.Enum):
     FOLLOWING = 'following'
     LOOKING = 'looking'
     BACKING = 'backing off'
+    LETTING_DOWN = 'letting down'   # the body, by standing
     TURNING = 'turning'         # at the goal, to its heading
     ARRIVED = 'arrived'
     FAILED = 'failed'
@@ -202,7 +204,7 @@ class Navigator:
         self._recoveries = 0
         self._best_m, self._best_ns, self._recovered_m = math.inf, self._now_ns, math.inf
         self._missing_ns: int | None = None
-        self._level_ns = self._now_ns
+        self._level_ns = self._let_down_ns = self._now_ns
 
     def update(self, stamp_ns: int, pose_ns: int | None, position_m: ArrayLike,
                orientation_wxyz: ArrayLike, grid: Traversability | None,
@@ -253,12 +255,16 @@ class Navigator:
         reached = self._reach(position, heading)
         if reached is not None:
             return reached
-        if self._back is not None:
-            return self._go_back(position)
         if tilt <= self._config.tilt_limit_deg:
             self._level_ns = self._now_ns
-        elif self._now_ns - self._level_ns >= self._config.tilt_time_s * 1e9:
+        elif self._now_ns - self._level_ns < self._config.tilt_time_s * 1e9:
+            self._let_down_ns = self._now_ns + _LET_DOWN_NS
+        elif self._back is None:
             return self._recover(Failure.TILT, f'tilted by {tilt:.0f} deg', position)
+        if self._now_ns < self._let_down_ns:
+            return _still(Status.LETTING_DOWN, 'the body has reared up')
+        if self._back is not None:
+            return self._go_back(position)
         if self._is_stuck():
             return self._recover(
                 Failure.STUCK, f'moved less than {self._config.stuck_distance_m:g} m in '

@@ -186,6 +186,22 @@ def test_tilt_backs_off_and_a_rover_on_its_side_gives_up():
     assert rover.step().failure is Failure.TILT
 
 
+def test_a_body_that_rears_up_is_let_down_before_it_backs_off():
+    """It stands at once, and half a second longer than the body is up."""
+    rover = made(ground())
+    for _ in range(20):
+        rover.step()
+    rover.pitch = -0.6
+    reared = [rover.step() for _ in range(3)]
+    rover.pitch = 0.0
+    after = [rover.step() for _ in range(8)]
+    assert {command.status for command in reared} == {Status.LETTING_DOWN}
+    assert all(c.forward_mps == 0.0 and c.yaw_rate_radps == 0.0 for c in reared)
+    assert [c.status for c in after] == [Status.LETTING_DOWN] * 4 + [Status.FOLLOWING] * 4
+    assert rover.navigator.backed_off == 0
+    assert rover.drive().status == Status.ARRIVED
+
+
 def test_without_a_pose_it_stands_at_once_and_gives_up_as_lost():
     rover = made(ground())
     for _ in range(50):
