@@ -1,0 +1,1 @@
+"""A stereo odometry with a memory: a graph of keyframes, closed by loops, with covariances."""

@@ -1,0 +1,478 @@
+"""An odometry with a memory: keyframes in a graph, which loops close.
+
+A frame is located against the last keyframe, from corners that are tracked from where inertial
+samples and wheels predict them, or else from descriptors. A frame that has moved on is a keyframe:
+its motion, the wheels, gravity, and the sun or the stars become factors of the graph. A place that
+was seen before becomes a loop, if geometry and the covariance of the graph agree with it. Where
+images tell nothing the wheels carry on, or else nothing but a bound on the speed: the covariance
+grows.
+
+The map has its origin at the first pose of the base, and z up; x is that of the world where sun
+or stars tell it, else where the rover looked.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lunar_rover_sim.base.errors import SlamError
+from lunar_rover_sim.base.frames import Array, inverse, se3
+from lunar_rover_sim.judge.evaluation.trajectory import Trajectory, wxyz
+from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
+from lunar_rover_sim.judge.slam.graph.keyframes import Keyframe, keyframe
+from lunar_rover_sim.judge.slam.graph.measured import Aids, Sun, Stars, Turns, Wheels
+from lunar_rover_sim.judge.slam.graph.places import Places
+from lunar_rover_sim.judge.slam.graph.pose_graph import adjoint, gate, PoseGraph
+from lunar_rover_sim.judge.slam.graph.two_pairs import matched_motion, Motion, tracked_motion
+
+_KEYFRAME_M, _KEYFRAME_RAD = 0.25, math.radians(12.0)
+_KEYFRAME_FLOW = 0.12           # median way in the image, in its widths
+_WELL_SEEN = 40                 # a keyframe is due if fewer corners agree
+_LOOP_INLIERS = 25
+_LOOP_GAP = 8                   # keyframes that a loop is long at least
+_LOOP_CANDIDATES = 2
+_MOST_SPEED_MPS = 0.3           # without anything that measures it, for the standard deviation
+_MOST_RATE_RADPS = 0.3
+_GYRO_RAD, _GYRO_RADPS = 0.003, 0.001   # error of a turn by the gyroscope: for each root s; each s
+# Gravity: the speed changes by so much between the ends of a mean, and what stays of tilt.
+_SPEED_CHANGE_MPS, _TILT_RAD = 0.1, math.radians(0.3)
+# Errors of a sun sensor stay for long: more than its standard deviation for each single factor.
+_SUN_RAD, _STARS_RAD = math.radians(0.4), math.radians(0.06)
+_EXACT = 1e-5                   # standard deviation of what is a choice of the frame [m], [rad]
+_WHEELS_UP_M, _WHEELS_TILT_RAD = 0.03, 0.3
+_MOVED_M = 0.1                  # a correction by more is told
+
+
+@dataclasses.dataclass
+class Counts:
+    """What happened so far.
+
+    Attributes:
+        frames, keyframes: Taken.
+        unseen: Keyframes whose motion images did not tell.
+        loops: Closed.
+        loops_far, loops_few: Refused: against the covariance, and by geometry.
+        sun_refused, stars_refused, wheels_refused: Against the covariance.
+        restarts: How often the graph was singular and began anew.
+        places: Remembered.
+    """
+
+    frames: int = 0
+    keyframes: int = 0
+    unseen: int = 0
+    loops: int = 0
+    loops_far: int = 0
+    loops_few: int = 0
+    sun_refused: int = 0
+    stars_refused: int = 0
+    wheels_refused: int = 0
+    restarts: int = 0
+    places: int = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class Located:
+    """The answer to a frame.
+
+    Attributes:
+        T_map_left: (4, 4) pose of the left camera.
+        covariance: (6, 6) of x, y, z and of the turn about the axes of the map.
+        seen: Whether images told it.
+        news: What the estimate did that moves it; empty for nothing.
+    """
+
+    T_map_left: Array
+    covariance: Array
+    seen: bool
+    news: str = ''
+
+
+class GraphOdometry:
+    """Takes pairs one after the other, with what was measured beside them.
+
+    Args:
+        camera: Rectified pairs, without distortion.
+        T_base_left: (4, 4) mount of the left camera.
+        gravity_mps2: That the accelerometers feel.
+        loops: Whether loops are looked for.
+
+    Raises:
+        SlamError: Without GTSAM, or without a baseline.
+    """
+
+    def __init__(self, camera: Camera, T_base_left: Array, gravity_mps2: float,
+                 loops: bool = True) -> None:
+        if not camera.baseline_m > 0.0:
+            raise SlamError('baseline: 0 is not valid; the graph needs a stereo pair')
+        self._camera, self._T_base_left = camera, np.array(T_base_left)
+        self._T_left_base = inverse(T_base_left)
+        self._gravity_mps2, self._loops = gravity_mps2, loops
+        self._graph = PoseGraph()
+        self._places = Places()
+        self._turns = Turns()
+        self.counts = Counts()
+        self._first_key = 0
+        self._key = -1                          # of the last keyframe
+        self._stamp_ns = 0                      # of the last keyframe
+        self._keyframe: Keyframe | None = None
+        self._wheels: Wheels | None = None      # at the last keyframe
+        self._sun: Sun | None = None
+        self._stars: Stars | None = None
+        self._relative = np.eye(4)              # last frame in the last keyframe, base
+        self._frame_ns = 0
+        self._pose, self._covariance = np.eye(4), np.zeros((6, 6))     # of the last keyframe
+        # Stamp, key, pose and covariance in that keyframe of every frame.
+        self._frames: list[tuple[int, int, Array, Array]] = []
+        self._ended: dict[int, tuple[Array, Array]] = {}    # keys of graphs before a restart
+
+    def __repr__(self) -> str:
+        return f'GraphOdometry({self.counts})'
+
+    def add(self, stamp_ns: int, left: Image | None, right: Image | None,
+            aids: Aids = Aids()) -> Located | None:
+        """Take a pair, or None where images are missing; return None until there is a first pose.
+
+        Args:
+            stamp_ns: Later than the one before.
+            left, right: (h, w) of 8 bits.
+            aids: Measured since the pair before.
+
+        Raises:
+            SlamError: If the stamp is not later.
+        """
+        if self._frames and stamp_ns <= self._frame_ns:
+            raise SlamError(f'stamp: {stamp_ns} ns does not follow {self._frame_ns} ns; stamps '
+                            'must increase')
+        if aids.inertial is not None:
+            self._turns.add(aids.inertial)
+        self._sun, self._stars = aids.sun or self._sun, aids.stars or self._stars
+        self.counts.frames += 1
+        if self._key < 0:
+            return self._first(stamp_ns, left, right, aids)
+        guess, guess_covariance = self._predicted(stamp_ns, aids.wheels)
+        motion = None
+        if left is not None and self._keyframe is not None:
+            motion = tracked_motion(self._camera, self._keyframe, left, self._T_left_base @ inverse(guess) @ self._T_base_left)
+        news = ''
+        if motion is None or self._is_due(motion, left):
+            news = self._make_keyframe(stamp_ns, left, right, aids, motion, guess,
+                                       guess_covariance)
+            relative, covariance = np.eye(4), np.zeros((6, 6))
+            seen = self._seen
+        else:
+            relative, covariance = self._in_base(motion)
+            seen = True
+        self._relative, self._frame_ns = relative, stamp_ns
+        self._frames.append((stamp_ns, self._key, relative, covariance))
+        return self._located(relative, covariance, seen, news)
+
+    # Frames
+
+    def _first(self, stamp_ns: int, left: Image | None, right: Image | None,
+               aids: Aids) -> Located | None:
+        if left is None or right is None:
+            return None
+        begin_ns = stamp_ns if aids.inertial is None or not len(aids.inertial.stamps_ns) \
+            else int(aids.inertial.stamps_ns[0]) - 1
+        up = self._turns.up(begin_ns, stamp_ns)
+        z = up[0] / np.linalg.norm(up[0]) if up is not None else np.array([0.0, 0.0, 1.0])
+        x = np.array([1.0, 0.0, 0.0]) - z[0] * z
+        x /= np.linalg.norm(x)
+        R = np.array([x, np.cross(z, x), z])        # R_map_base: rows are the map's axes in base
+        tilt = self._tilt_sigma_rad(up[1]) if up is not None else 10.0 * _EXACT
+        sigma = np.array([tilt, tilt, _EXACT, _EXACT, _EXACT, _EXACT])
+        seen = self._sun_at(stamp_ns)
+        stars = self._stars_at(stamp_ns)
+        if stars is not None:
+            R, sigma[:3] = stars[0], math.radians(1.0)
+        elif seen is not None and up is not None:
+            here, there = R @ seen[0], seen[1]
+            yaw = math.atan2(there[1], there[0]) - math.atan2(here[1], here[0])
+            R, sigma[2] = Rotation.from_euler('Z', yaw).as_matrix() @ R, math.radians(30.0)
+        self._begin(0, se3(R, np.zeros(3)), R, sigma)
+        if stars is not None:
+            self._graph.attitude(0, *stars)
+        elif seen is not None and up is not None:
+            self._graph.direction(0, seen[1], seen[0], _SUN_RAD)
+        self._graph.solve()
+        self._sun = self._stars = None
+        self._take(0, stamp_ns, keyframe(self._camera, left, right), aids.wheels)
+        self._frame_ns = stamp_ns
+        self._frames.append((stamp_ns, 0, np.eye(4), np.zeros((6, 6))))
+        return self._located(np.eye(4), np.zeros((6, 6)), True, '')
+
+    def _begin(self, key: int, T: Array, R_map_base: Array, sigma: Array) -> None:
+        """Hold the first pose; sigma (6,) is about and along the axes of the map."""
+        turned = R_map_base.T
+        covariance = np.zeros((6, 6))
+        covariance[:3, :3] = turned @ np.diag(sigma[:3]**2) @ turned.T
+        covariance[3:, 3:] = turned @ np.diag(sigma[3:]**2) @ turned.T
+        self._graph.add(key, T)
+        self._graph.prior(key, T, covariance)
+
+    def _predicted(self, stamp_ns: int, wheels: Wheels | None) -> tuple[Array, Array]:
+        """Return the pose of the base in the last keyframe without images, and its covariance."""
+        dt = max(1e-3, (stamp_ns - self._stamp_ns) * 1e-9)
+        turn = self._turns.between(self._stamp_ns, stamp_ns)
+        sigma = np.full(6, _MOST_SPEED_MPS * dt)
+        sigma[:3] = min(_MOST_RATE_RADPS * dt, math.pi)
+        if wheels is not None and self._wheels is not None:
+            T, covariance = _rolled(self._wheels, wheels)
+        else:
+            T, covariance = se3(self._relative[:3, :3], self._relative[:3, 3]), np.diag(sigma**2)
+        if turn is not None:
+            # The way is that of the wheels; half of the turn lies before its middle.
+            half = Rotation.from_matrix(T[:3, :3]).inv().as_rotvec() / 2
+            half += Rotation.from_matrix(turn).as_rotvec() / 2
+            T = se3(turn, Rotation.from_rotvec(half).apply(T[:3, 3]))
+            gyro = _GYRO_RAD**2 * dt + (_GYRO_RADPS * dt)**2
+            covariance[:3, :] = covariance[:, :3] = 0.0
+            covariance[:3, :3] = gyro * np.eye(3)
+        return T, covariance
+
+    def _is_due(self, motion: Motion, left: Image | None) -> bool:
+        assert left is not None
+        T = motion.T_a_b
+        angle = Rotation.from_matrix(T[:3, :3]).magnitude()
+        return bool(np.linalg.norm(T[:3, 3]) > _KEYFRAME_M or angle > _KEYFRAME_RAD
+                    or motion.inliers < _WELL_SEEN
+                    or motion.flow_px > _KEYFRAME_FLOW * left.shape[1])
+
+    def _in_base(self, motion: Motion) -> tuple[Array, Array]:
+        """Return a motion and its covariance of the base."""
+        T = self._T_base_left @ motion.T_a_b @ self._T_left_base
+        A = adjoint(self._T_base_left)
+        return T, A @ motion.covariance @ A.T
+
+    def _located(self, relative: Array, covariance: Array, seen: bool, news: str) -> Located:
+        T, P = _composed(self._pose, self._covariance, relative, covariance)
+        return Located(T @ self._T_base_left, self._of_left(T, P), seen, news)
+
+    def _of_left(self, T_map_base: Array, covariance: Array) -> Array:
+        """Return the covariance of position and turn of the left camera about the map's axes."""
+        A = adjoint(self._T_left_base)
+        R = (T_map_base @ self._T_base_left)[:3, :3]
+        J = np.zeros((6, 6))
+        J[:3, 3:] = J[3:, :3] = R
+        P = J @ A @ covariance @ A.T @ J.T
+        return np.asarray(0.5 * (P + P.T))
+
+    # Keyframes
+
+    def _make_keyframe(self, stamp_ns: int, left: Image | None, right: Image | None, aids: Aids,
+                       motion: Motion | None, guess: Array, guess_covariance: Array) -> str:
+        new = None
+        if left is not None and right is not None:
+            new = keyframe(self._camera, left, right)
+            if motion is None and self._keyframe is not None:
+                motion = matched_motion(self._camera, self._keyframe, new)
+        relative, covariance = guess, guess_covariance
+        self._seen = motion is not None
+        if motion is not None:
+            relative, covariance = self._in_base(motion)
+            error = _difference(relative, guess)
+            S = covariance + guess_covariance
+            if error @ np.linalg.solve(S, error) > gate(6):
+                self.counts.wheels_refused += 1
+                if motion.inliers < _WELL_SEEN:     # then rather the images are wrong
+                    relative, covariance, self._seen = guess, guess_covariance, False
+            else:
+                relative, covariance = _fused(relative, covariance, guess, guess_covariance)
+        self.counts.unseen += not self._seen
+        before, key = self._key, self._key + 1
+        T, P = _composed(self._pose, self._covariance, relative, covariance)
+        self._graph.add(key, T)
+        self._graph.between(before, key, relative, covariance)
+        self._hold_attitude(key, stamp_ns, T, P)
+        news = self._solve(key, T, P)
+        self._take(key, stamp_ns, new, aids.wheels)
+        if self._loops and new is not None:
+            news = self._close_loops(key, new) or news
+            if len(new) >= _LOOP_INLIERS:
+                self._places.add(key, new, self._pose)
+        self.counts.places = len(self._places)
+        return news
+
+    def _take(self, key: int, stamp_ns: int, new: Keyframe | None, wheels: Wheels | None) -> None:
+        self._key, self._stamp_ns = key, stamp_ns
+        self._keyframe = new
+        self._wheels = wheels
+        self._relative = np.eye(4)
+        self.counts.keyframes += 1
+        self._read_back()
+
+    def _read_back(self) -> None:
+        self._pose, self._covariance = self._graph.pose(self._key), \
+            self._graph.covariance(self._key)
+
+    def _solve(self, key: int, T: Array, P: Array) -> str:
+        """Solve the graph; if it is singular, begin another one at the last pose."""
+        try:
+            self._graph.solve()
+            self._graph.covariance(key)
+            return ''
+        except (SlamError, RuntimeError):
+            self.counts.restarts += 1
+            for k in range(self._first_key, key):
+                self._ended.setdefault(k, self._known.get(k, (self._pose, self._covariance)))
+            self._graph, self._places = PoseGraph(), Places()
+            self._first_key = key
+            self._graph.add(key, T)
+            self._graph.prior(key, T, P + _EXACT**2 * np.eye(6))
+            self._graph.solve()
+            return 'the graph was singular: it begins anew here'
+
+    @property
+    def _known(self) -> dict[int, tuple[Array, Array]]:
+        """Poses and covariances of the keys that can still be asked for."""
+        known = {}
+        for key in range(self._first_key, self._key + 1):
+            try:
+                known[key] = self._graph.pose(key), self._graph.covariance(key)
+            except (RuntimeError, IndexError):
+                break
+        return known
+
+    def _tilt_sigma_rad(self, time_s: float) -> float:
+        return math.hypot(_TILT_RAD, _SPEED_CHANGE_MPS / (self._gravity_mps2 * time_s))
+
+    def _hold_attitude(self, key: int, stamp_ns: int, T: Array, P: Array) -> None:
+        up = self._turns.up(self._stamp_ns, stamp_ns)
+        if up is not None and 0.5 < np.linalg.norm(up[0]) / self._gravity_mps2 < 2.0:
+            self._graph.direction(key, np.array([0.0, 0.0, 1.0]), up[0],
+                                  self._tilt_sigma_rad(up[1]))
+        turn = P[:3, :3]
+        stars = self._stars_at(stamp_ns)
+        if stars is not None:
+            R, covariance = stars
+            error = Rotation.from_matrix(T[:3, :3].T @ R).as_rotvec()
+            if error @ np.linalg.solve(turn + covariance, error) > gate(3):
+                self.counts.stars_refused += 1
+            else:
+                self._graph.attitude(key, R, covariance)
+        seen = self._sun_at(stamp_ns)
+        if seen is not None:
+            error = np.cross(T[:3, :3].T @ seen[1], seen[0])
+            # About the direction itself it tells nothing: that part of the error is 0.
+            S = turn + _SUN_RAD**2 * np.eye(3)
+            if error @ np.linalg.solve(S, error) > gate(2):
+                self.counts.sun_refused += 1
+            else:
+                self._graph.direction(key, seen[1], seen[0], _SUN_RAD)
+        self._sun = self._stars = None
+
+    def _sun_at(self, stamp_ns: int) -> tuple[Array, Array] | None:
+        """Return the direction to the sun in base axes at a stamp, and that in the map."""
+        if self._sun is None:
+            return None
+        turn = self._turns.between(stamp_ns, self._sun.stamp_ns)
+        return None if turn is None else (turn @ self._sun.in_base, self._sun.in_map)
+
+    def _stars_at(self, stamp_ns: int) -> tuple[Array, Array] | None:
+        """Return R_map_base at a stamp and its covariance (3, 3) in base axes."""
+        if self._stars is None:
+            return None
+        turn = self._turns.between(self._stars.stamp_ns, stamp_ns)
+        if turn is None:
+            return None
+        R = self._stars.R_map_base @ turn
+        return R, R.T @ self._stars.covariance_rad2 @ R + _STARS_RAD**2 * np.eye(3)
+
+    # Loops
+
+    def _close_loops(self, key: int, new: Keyframe) -> str:
+        """Look for places that are seen again; return what moved."""
+        P = self._of_left(self._pose, self._covariance)
+        slack_m = 3.0 * math.sqrt(max(0.0, np.linalg.eigvalsh(P[:2, :2])[-1]))
+        slack_rad = 3.0 * math.sqrt(max(0.0, P[5, 5]))
+        before, closed = self._pose, 0
+        for place in self._places.candidates(new, self._pose, slack_m, slack_rad,
+                                             key - _LOOP_GAP, _LOOP_CANDIDATES):
+            motion = matched_motion(self._camera, place.keyframe, new)
+            if motion is None or motion.inliers < _LOOP_INLIERS:
+                self.counts.loops_few += 1
+                continue
+            relative, covariance = self._in_base(motion)
+            predicted = inverse(self._graph.pose(place.key)) @ self._pose
+            error = _difference(relative, predicted)
+            S = self._graph.relative_covariance(place.key, key) + covariance
+            if error @ np.linalg.solve(S, error) > gate(6):
+                self.counts.loops_far += 1
+                continue
+            self._graph.between(place.key, key, relative, covariance)
+            closed += 1
+        if not closed:
+            return ''
+        self.counts.loops += closed
+        T, P = self._pose, self._covariance
+        if news := self._solve(key, T, P):
+            self._read_back()
+            return news
+        self._read_back()
+        self._places.move(self._graph.poses())
+        moved = float(np.linalg.norm(self._pose[:3, 3] - before[:3, 3]))
+        return f'a loop moved the estimate by {moved:.2f} m' if moved > _MOVED_M else ''
+
+    # Results
+
+    def trajectory(self) -> Trajectory:
+        """Return T_map_left of all frames with covariances, by all that is known now.
+
+        Raises:
+            SlamError: If there is no pose.
+        """
+        if not self._frames:
+            raise SlamError('nothing was tracked')
+        known = {**self._ended, **self._known}
+        poses, covariances = [], []
+        for _, key, relative, own in self._frames:
+            T, P = _composed(*known[key], relative, own)
+            poses.append(T @ self._T_base_left)
+            covariances.append(self._of_left(T, P))
+        T = np.array(poses)
+        return Trajectory(np.array([ns for ns, *_ in self._frames], np.int64), T[:, :3, 3],
+                          wxyz(Rotation.from_matrix(T[:, :3, :3])), 'graph',
+                          np.array(covariances))
+
+
+def _composed(T: Array, P: Array, relative: Array, covariance: Array) -> tuple[Array, Array]:
+    """Return the pose T relative, and its covariance, in its own axes."""
+    A = adjoint(inverse(relative))
+    return T @ relative, A @ P @ A.T + covariance
+
+
+def _difference(first: Array, second: Array) -> Array:
+    """Return (turn, shift) (6,) of second^-1 first, in the axes of the end."""
+    D = inverse(second) @ first
+    return np.concatenate([Rotation.from_matrix(D[:3, :3]).as_rotvec(), D[:3, 3]])
+
+
+def _fused(T: Array, P: Array, other: Array, other_covariance: Array) -> tuple[Array, Array]:
+    """Return the mean of two measurements of one motion, weighted by their covariances."""
+    gain = P @ np.linalg.inv(P + other_covariance)
+    move = gain @ _difference(other, T)
+    step = se3(Rotation.from_rotvec(move[:3]).as_matrix(), move[3:])
+    covariance = P - gain @ P
+    return T @ step, 0.5 * (covariance + covariance.T)
+
+
+def _rolled(before: Wheels, now: Wheels) -> tuple[Array, Array]:
+    """Return the motion of the base by the wheels, and its covariance (turn, shift)."""
+    x, y, yaw = now.pose - before.pose
+    c, s = math.cos(before.pose[2]), math.sin(before.pose[2])
+    T = se3(Rotation.from_euler('Z', yaw).as_matrix(), [c * x + s * y, c * y - s * x, 0.0])
+    F = np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
+    added = now.covariance - F @ before.covariance @ F.T
+    c, s = math.cos(now.pose[2]), math.sin(now.pose[2])
+    turned = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    added = turned @ added @ turned.T
+    way = math.hypot(x, y)
+    covariance = np.diag([_WHEELS_TILT_RAD**2] * 2 + [0.0] * 3
+                         + [_WHEELS_UP_M**2 + (0.2 * way)**2])
+    order = [3, 4, 2]
+    covariance[np.ix_(order, order)] += added + np.diag([1e-6, 1e-6, 1e-6])
+    return T, covariance

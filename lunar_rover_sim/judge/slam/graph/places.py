@@ -1,0 +1,129 @@
+"""The places that the rover has seen: keyframes that a loop may close to.
+
+One is kept for each spot and heading, so memory grows with the ground covered and not with the
+way. Of those near enough, the ones whose words are most like are candidates. A word is a
+descriptor's signs along some fixed random directions (Charikar, STOC 2002), so there is no
+vocabulary to be trained.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+import dataclasses
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.judge.slam.graph.keyframes import Keyframe
+
+_SPOT_M, _SPOT_RAD = 0.3, math.radians(30.0)    # nearer than both, a place is known
+_REACH_M, _REACH_RAD = 1.5, math.radians(45.0)  # of a view that shows the same ground
+_CELL_M = 4.0
+_MOST = 64              # places whose words are compared
+_WORD_BITS = 12
+_QUALITY = 90           # of the images that are kept
+
+
+@dataclasses.dataclass
+class Place:
+    """A keyframe of the graph that is remembered."""
+
+    key: int
+    packed: tuple[NDArray[np.uint8], Array, Array, NDArray[np.uint8]]
+    words: NDArray[np.int64]
+    position_m: Array
+    yaw_rad: float
+
+    @property
+    def keyframe(self) -> Keyframe:
+        """As it was, but for the losses of JPEG."""
+        image, *rest = self.packed
+        left = np.asarray(cv2.imdecode(image, cv2.IMREAD_GRAYSCALE), np.uint8)
+        return Keyframe(left, *rest)
+
+
+class Places:
+    """All of them, by cells of the ground."""
+
+    def __init__(self) -> None:
+        self._cells: defaultdict[tuple[int, int], list[Place]] = defaultdict(list)
+        self._directions = np.random.default_rng(0).standard_normal((128, _WORD_BITS))
+
+    def __len__(self) -> int:
+        return sum(map(len, self._cells.values()))
+
+    def add(self, key: int, keyframe: Keyframe, T_map_base: Array) -> None:
+        """Remember a keyframe, unless its place is known already."""
+        position, yaw = T_map_base[:3, 3], _yaw(T_map_base)
+        for place in self._near(position, _SPOT_M):
+            if (math.dist(place.position_m[:2], position[:2]) < _SPOT_M
+                    and abs(_wrapped(place.yaw_rad - yaw)) < _SPOT_RAD):
+                return
+        self._cells[self._cell(position)].append(
+            Place(key, _packed(keyframe), self._words(keyframe), position.copy(), yaw))
+
+    def candidates(self, keyframe: Keyframe, T_map_base: Array, slack_m: float, slack_rad: float,
+                   newest_key: int, most: int) -> list[Place]:
+        """Return at most `most` places that may show the same, the likeliest first.
+
+        Args:
+            slack_m, slack_rad: By how much the pose may be off.
+            newest_key: Places of later keys are left out.
+        """
+        position, yaw = T_map_base[:3, 3], _yaw(T_map_base)
+        reach_m, reach_rad = _REACH_M + slack_m, _REACH_RAD + slack_rad
+        near = [place for place in self._near(position, reach_m) if place.key <= newest_key
+                and math.dist(place.position_m[:2], position[:2]) < reach_m
+                and abs(_wrapped(place.yaw_rad - yaw)) < reach_rad]
+        near.sort(key=lambda place: math.dist(place.position_m[:2], position[:2]))
+        words = self._words(keyframe)
+        alike = [(-len(np.intersect1d(words, place.words, True)), k)
+                 for k, place in enumerate(near[:_MOST])]
+        return [near[k] for _, k in sorted(alike)[:most]]
+
+    def move(self, poses: dict[int, Array]) -> None:
+        """Take the present T_map_base of the keys."""
+        places = [place for cell in self._cells.values() for place in cell]
+        self._cells.clear()
+        for place in places:
+            T = poses[place.key]
+            place.position_m, place.yaw_rad = T[:3, 3].copy(), _yaw(T)
+            self._cells[self._cell(place.position_m)].append(place)
+
+    @property
+    def keys(self) -> list[int]:
+        """Keys of all places."""
+        return [place.key for cell in self._cells.values() for place in cell]
+
+    def _words(self, keyframe: Keyframe) -> NDArray[np.int64]:
+        # Descriptors are never negative: their mean is taken off, or all signs would be alike.
+        d = keyframe.descriptors.astype(float)
+        signs = (d - d.mean(axis=1, keepdims=True)) @ self._directions > 0.0
+        return np.unique(signs @ (1 << np.arange(_WORD_BITS)))
+
+    def _near(self, position: Array, reach_m: float) -> list[Place]:
+        (i, j), n = self._cell(position), math.ceil(reach_m / _CELL_M)
+        if (2 * n + 1)**2 > len(self._cells):
+            return [place for cell in self._cells.values() for place in cell]
+        return [place for di in range(-n, n + 1) for dj in range(-n, n + 1)
+                for place in self._cells.get((i + di, j + dj), ())]
+
+    @staticmethod
+    def _cell(position: Array) -> tuple[int, int]:
+        return math.floor(position[0] / _CELL_M), math.floor(position[1] / _CELL_M)
+
+
+def _packed(keyframe: Keyframe) -> tuple[NDArray[np.uint8], Array, Array, NDArray[np.uint8]]:
+    _, image = cv2.imencode('.jpg', keyframe.left, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return np.asarray(image, np.uint8), keyframe.px, keyframe.points_m, keyframe.descriptors
+
+
+def _yaw(T: Array) -> float:
+    return math.atan2(T[1, 0], T[0, 0])
+
+
+def _wrapped(angle: float) -> float:
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
