@@ -89,6 +89,8 @@ setup(
         # Training of policies. Take torch from its CPU index first, or it brings CUDA.
         'train': ['gymnasium>=1.1', 'stable-baselines3>=2.4', 'sb3-contrib>=2.4', 'torch>=2.5',
                   'cma>=4', 'onnx>=1.16', 'onnxruntime>=1.18', 'tensorboard', 'tqdm'],
+        # The SLAM system `graph`; wheels for CPython 3.11 to 3.14, on Linux and macOS.
+        'graph': ['gtsam>=4.3,<5; python_version>="3.11"'],
         # Policies: policy_node and `validate policy`.
         'policy': ['onnxruntime>=1.18'],
         # The live view in a browser.

@@ -24,7 +24,7 @@ from lunar_rover_sim.judge.evaluation.trajectory_plots import TOP_VIEW
 from lunar_rover_sim.judge.slam.benchmark_report import write_report
 from lunar_rover_sim.judge.slam.drives import join
 from lunar_rover_sim.judge.slam.estimators import Estimator, stock_program, SYSTEMS
-from lunar_rover_sim.judge.slam.run_on_bag import ESTIMATE, run_on_bag
+from lunar_rover_sim.judge.slam.run_on_bag import COVARIANCE, ESTIMATE, run_on_bag
 from lunar_rover_sim.judge.slam.table import Paper, read_paper
 from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS
 from lunar_rover_sim.products.sequences.orbslam3_settings import settings as settings_text
@@ -156,6 +156,11 @@ def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool,
     say(f'{result.system} {result.sensor}: tracked {100 * result.tracked_share:.1f} % of '
         f'{result.frames} frames, ' + (f'scale {result.scale:.4f}, ' if judged else '')
         + f'{result.wall_s:.1f} s')
+    if result.words:
+        say(result.words)
+    if result.nees_position == result.nees_position:
+        say(f'NEES per degree of freedom: position {result.nees_position:.2f}, orientation '
+            f'{result.nees_orientation:.2f}; covariances are in {output / COVARIANCE}')
     if (output / ESTIMATE).is_file():
         say(f'{output / ESTIMATE} (TUM) has the poses of the frame {system.poses_of}; '
             'result.json beside it')

@@ -1,4 +1,6 @@
-"""Estimators: the reference odometry, ORB-SLAM3 as a program, any other program.
+"""Estimators: the reference odometry, the graph, ORB-SLAM3 as a program, any other program.
+
+The graph reads a bag itself (`graph.from_bag`), the others an exported sequence.
 
 ORB-SLAM3 (Campos et al., IEEE T-RO 37 (6), 2021) is the user's own stock build, run on an exported
 sequence. It writes stamps in ns or in seconds, and poses relative to the first keyframe: of the
@@ -31,7 +33,7 @@ from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS, settin
 from lunar_rover_sim.products.sequences.sensors import SensorSuite
 from lunar_rover_sim.run.child_process import Echo, executable, run_program
 
-SYSTEMS = ('reference', 'orbslam3', 'command')
+SYSTEMS = ('reference', 'graph', 'orbslam3', 'command')
 _SLACK_S = 120.0         # for loading a vocabulary, and for the end
 _SLOWEST = 10.0          # wall time over sequence time
 _STAMP_NS = 2000         # how far a written stamp may be off
@@ -52,6 +54,7 @@ class Estimate:
         frame: Frame of the rover whose poses are estimated.
         frames_ns: (n,) stamps of the images of the sequence [ns].
         wall_s: How long the estimator ran [s].
+        words: What it counted, for the user; empty for nothing.
     """
 
     trajectory: Trajectory | None
@@ -59,6 +62,7 @@ class Estimate:
     frame: str
     frames_ns: Stamps
     wall_s: float
+    words: str = ''
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,7 +70,7 @@ class Estimator:
     """A SLAM system with one sensor, and its options.
 
     Attributes:
-        system: `reference`, `orbslam3` or `command`.
+        system: `reference`, `graph`, `orbslam3` or `command`.
         sensor: `mono`, `stereo`, `stereo-inertial` or `rgbd`.
         program, vocabulary: Files of ORB-SLAM3; a Python as the program is one that has the wheel
             `pyorbslam3`, and runs `WHEEL_PROGRAM`.
@@ -95,6 +99,8 @@ class Estimator:
             value = getattr(self, name)
             if value not in valid:
                 raise SlamError(f'{name}: {value!r} is not valid; {nearest(value, valid)}')
+        if self.system == 'graph' and self.sensor != 'stereo':
+            raise SlamError(f'sensor: {self.sensor!r} is not valid for the graph; valid is stereo')
         if self.system == 'reference' and self.sensor not in ('mono', 'stereo'):
             raise SlamError(f'sensor: {self.sensor!r} is not valid for the reference; valid '
                             'are mono, stereo')

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import EvaluationError, SlamError
 from lunar_rover_sim.base.files.atomic import atomic_write
@@ -19,17 +19,18 @@ from lunar_rover_sim.base.files.results import json_text, plain
 from lunar_rover_sim.image.camera.encoding import EIGHT_BITS, has_16_bits
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
-from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum
+from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum, write_tum_covariance
 from lunar_rover_sim.judge.evaluation.trajectory_plots import save_plots
 from lunar_rover_sim.judge.evaluation.trajectory_sources import trajectory_of_topic
 from lunar_rover_sim.judge.slam import euroc_reader
-from lunar_rover_sim.judge.slam.estimators import Estimator, join
+from lunar_rover_sim.judge.slam.estimators import Estimate, Estimator, join
+from lunar_rover_sim.judge.slam.graph.from_bag import estimate as estimate_by_graph
 from lunar_rover_sim.products.sequences.export import export, FORMATS
-from lunar_rover_sim.products.sequences.sensors import recorded_sensors
+from lunar_rover_sim.products.sequences.sensors import recorded_sensors, SensorSuite
 from lunar_rover_sim.rover.physics.state import TipOver
 from lunar_rover_sim.run.child_process import Echo
 
-ESTIMATE = 'estimate.txt'
+ESTIMATE, COVARIANCE = 'estimate.txt', 'estimate_covariance.txt'
 
 Step = Callable[[str, 'int | None'], None]
 
@@ -52,6 +53,8 @@ class SlamResult:
         duration_s, wall_s: Simulated time of the recording, and wall time of the estimator [s].
         tipped_over_s: When the rover tipped over [s]; NaN if it did not. The drive then says
             little of the estimator.
+        nees_position, nees_orientation: Per degree of freedom; of estimates with covariances.
+        words: What the estimator counted.
     """
 
     system: str
@@ -68,6 +71,9 @@ class SlamResult:
     duration_s: float = float('nan')
     wall_s: float = float('nan')
     tipped_over_s: float = float('nan')
+    nees_position: float = float('nan')
+    nees_orientation: float = float('nan')
+    words: str = ''
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values for JSON; NaN becomes None."""
@@ -92,8 +98,9 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
     Args:
         bag: A bag folder.
         estimator: The program and its input.
-        folder: Must exist; gets settings, log, estimate.txt (TUM), evaluation.json and path.npz
-            (`stamps_ns`, `truth_m`, `estimate_m`, aligned).
+        folder: Must exist; gets settings, log, estimate.txt (TUM), estimate_covariance.txt if the
+            estimate has covariances, evaluation.json and path.npz (`stamps_ns`, `truth_m`,
+            `estimate_m`, aligned).
         echo: Called with each line of the log.
         step: Called with what is being done and in how many parts, None where nobody knows.
         advance: Called after each of them.
@@ -119,7 +126,9 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         suite = recorded_sensors(opened, kind.needs)
         messages = sum(opened.counts[opened.resolve(name)] for name in kind.needs + kind.uses
                        if opened.has(name))
-    distance_m = truth.length_m
+        if estimator.system == 'graph':
+            outcome = _graph(opened, suite, step, advance, stop)
+            return _judge(bag, estimator, folder, truth, outcome, step, plots)
     if not sequence.exists():
         step('exporting', messages)
         export(bag, sequence, estimator.format, advance, epoch_ns=0)     # stamps of the bag
@@ -131,16 +140,33 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
     finally:
         if kept_sequence is None:
             shutil.rmtree(sequence, ignore_errors=True)
+    return _judge(bag, estimator, folder, truth, outcome, step, plots)
+
+
+def _graph(bag: Bag, suite: SensorSuite, step: Step, advance: Callable[[], None],
+           stop: Callable[[], bool]) -> Estimate:
+    left = bag.resolve(topics.LEFT_IMAGE.name)
+    step('estimating', bag.counts.get(left))
+    return estimate_by_graph(bag, suite, advance, stop)
+
+
+def _judge(bag: Path, estimator: Estimator, folder: Path, truth: Trajectory, outcome: Estimate,
+           step: Step, plots: bool) -> SlamResult:
+    """Write and judge what an estimator returned."""
     step('evaluating', None)
+    distance_m = truth.length_m
     tipped_s = tipped_over_s(truth)
     reason = join(outcome.reason,
                   '' if math.isnan(tipped_s) else f'the rover tipped over at {tipped_s:.1f} s')
     known = SlamResult(estimator.system, estimator.sensor, reason, len(outcome.frames_ns),
                        distance_m=distance_m, wall_s=outcome.wall_s, tipped_over_s=tipped_s,
-                       duration_s=1e-9 * float(truth.stamps_ns[-1] - truth.stamps_ns[0]))
+                       duration_s=1e-9 * float(truth.stamps_ns[-1] - truth.stamps_ns[0]),
+                       words=outcome.words)
     if outcome.trajectory is None:
         return known
     write_tum(folder / ESTIMATE, outcome.trajectory)
+    if outcome.trajectory.covariances is not None:
+        write_tum_covariance(folder / COVARIANCE, outcome.trajectory)
     try:
         judged = evaluate(bag, outcome.trajectory,
                           align='sim3' if estimator.sensor == 'mono' else 'se3',
@@ -157,7 +183,10 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
     return dataclasses.replace(
         known, tracked_share=judged.tracked_share, ate_m=judged.ate_m.rmse, scale=judged.scale,
         ate_percent=100.0 * judged.ate_m.rmse / distance_m if distance_m else float('nan'),
-        rpe_m=judged.rpe_distance_m.rmse, drift_percent=judged.drift_percent)
+        rpe_m=judged.rpe_distance_m.rmse, drift_percent=judged.drift_percent,
+        nees_position=judged.consistency.position.per_dof if judged.consistency else math.nan,
+        nees_orientation=judged.consistency.orientation.per_dof if judged.consistency
+        else math.nan)
 
 
 def tipped_over_s(truth: Trajectory) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+import time
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,16 @@ from lunar_rover_sim.bag.messages import header_ns, wxyz, xyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.series import picture
 from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, rpy_from_wxyz
 from lunar_rover_sim.image.camera.encoding import eight_bits
 from lunar_rover_sim.image.stereo.points import grey
+from lunar_rover_sim.judge.slam.estimators import Estimate
 from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
 from lunar_rover_sim.judge.slam.graph.measured import Aids, Inertial, Stars, Sun, Wheels
 from lunar_rover_sim.judge.slam.graph.odometry import GraphOdometry, Located
+from lunar_rover_sim.judge.slam.graph.pose_graph import has_gtsam, MISSING
+from lunar_rover_sim.judge.slam.reference.odometry import VisualOdometry
 from lunar_rover_sim.products.sequences.sensors import SensorSuite
 
 _PLANE = np.ix_([0, 1, 5], [0, 1, 5])
@@ -50,6 +55,46 @@ def run(bag: Bag, suite: SensorSuite, loops: bool = True,
         if stop():
             break
     return odometry
+
+
+def estimate(bag: Bag, suite: SensorSuite, advance: Callable[[], None] = lambda: None,
+             stop: Callable[[], bool] = lambda: False) -> Estimate:
+    """Return the estimate of the graph for a bag; where there is no GTSAM, that of the reference.
+
+    Args:
+        advance: Called after each pair.
+        stop: Once it returns True, the rest is left out.
+    """
+    start = time.monotonic()
+    if not has_gtsam():
+        return _of_reference(bag, suite, advance, stop, start)
+    odometry = run(bag, suite, True, advance, stop=stop)
+    try:
+        trajectory = odometry.trajectory()
+    except SlamError:
+        return Estimate(None, 'lost: it located no frame', 'left', odometry.frames_ns,
+                        time.monotonic() - start)
+    return Estimate(trajectory, '', 'left', odometry.frames_ns, time.monotonic() - start,
+                    odometry.counts.words)
+
+
+def _of_reference(bag: Bag, suite: SensorSuite, advance: Callable[[], None],
+                  stop: Callable[[], bool], start: float) -> Estimate:
+    odometry = VisualOdometry(Camera(suite.focal_px, suite.centre_px, suite.baseline_m))
+    stamps = []
+    for stamp_ns, left, right, _ in steps(bag, suite):
+        stamps.append(stamp_ns)
+        if left is not None:
+            odometry.add(stamp_ns, left, right)
+        advance()
+        if stop():
+            break
+    try:
+        trajectory = odometry.trajectory()
+    except SlamError:
+        trajectory = None
+    return Estimate(trajectory, f'{MISSING}; this is the window of the reference', 'left',
+                    np.array(stamps, np.int64), time.monotonic() - start)
 
 
 def steps(bag: Bag, suite: SensorSuite) -> Iterator[Step]:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.base.frames import Array
 
-_MEMORY_NS = 20_000_000_000     # of inertial samples
+_MEMORY_NS = 30_000_000_000     # of inertial samples
 
 
 class Wheels(NamedTuple):

@@ -21,10 +21,10 @@ from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.frames import Array, inverse, se3
-from lunar_rover_sim.judge.evaluation.trajectory import Trajectory, wxyz
+from lunar_rover_sim.judge.evaluation.trajectory import Stamps, Trajectory, wxyz
 from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
 from lunar_rover_sim.judge.slam.graph.keyframes import Keyframe, keyframe
-from lunar_rover_sim.judge.slam.graph.measured import Aids, Sun, Stars, Turns, Wheels
+from lunar_rover_sim.judge.slam.graph.measured import Aids, Stars, Sun, Turns, Wheels
 from lunar_rover_sim.judge.slam.graph.places import Places
 from lunar_rover_sim.judge.slam.graph.pose_graph import adjoint, gate, PoseGraph
 from lunar_rover_sim.judge.slam.graph.two_pairs import matched_motion, Motion, tracked_motion
@@ -37,9 +37,11 @@ _LOOP_GAP = 8                   # keyframes that a loop is long at least
 _LOOP_CANDIDATES = 2
 _MOST_SPEED_MPS = 0.3           # without anything that measures it, for the standard deviation
 _MOST_RATE_RADPS = 0.3
-_GYRO_RAD, _GYRO_RADPS = 0.003, 0.001   # error of a turn by the gyroscope: for each root s; each s
-# Gravity: the speed changes by so much between the ends of a mean, and what stays of tilt.
-_SPEED_CHANGE_MPS, _TILT_RAD = 0.1, math.radians(0.3)
+_GYRO_RAD, _GYRO_RADPS = 5e-4, 3e-4     # error of a turn by the gyroscope: for each root s; each s
+# Gravity is a mean over some seconds, in which a step counts little. The speed changes by so much
+# between their ends, and so much of tilt stays.
+_UP_NS = 8_000_000_000
+_SPEED_CHANGE_MPS, _TILT_RAD = 0.2, math.radians(0.3)
 # Errors of a sun sensor stay for long: more than its standard deviation for each single factor.
 _SUN_RAD, _STARS_RAD = math.radians(0.4), math.radians(0.06)
 _EXACT = 1e-5                   # standard deviation of what is a choice of the frame [m], [rad]
@@ -72,6 +74,18 @@ class Counts:
     wheels_refused: int = 0
     restarts: int = 0
     places: int = 0
+
+    @property
+    def words(self) -> str:
+        """All of it in a line."""
+        text = (f'{self.keyframes} keyframes of {self.frames} frames, {self.unseen} without images'
+                f', {self.loops} loops, {self.loops_far + self.loops_few} refused '
+                f'({self.loops_few} by geometry, {self.loops_far} by covariance)')
+        for name in ('sun', 'stars', 'wheels'):
+            if count := getattr(self, f'{name}_refused'):
+                text += f', {name} refused {count} times'
+        return text + (f', {self.restarts} restarts: the graph was singular' if self.restarts
+                       else '')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,9 +138,12 @@ class GraphOdometry:
         self._stars: Stars | None = None
         self._relative = np.eye(4)              # last frame in the last keyframe, base
         self._frame_ns = 0
+        self._up_ns = 0                         # of the last factor of gravity
+        self._seen = False                      # whether images told the last keyframe
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))     # of the last keyframe
         # Stamp, key, pose and covariance in that keyframe of every frame.
         self._frames: list[tuple[int, int, Array, Array]] = []
+        self._live: dict[int, tuple[Array, Array]] = {}     # keys, as told when they were new
         self._ended: dict[int, tuple[Array, Array]] = {}    # keys of graphs before a restart
 
     def __repr__(self) -> str:
@@ -156,7 +173,8 @@ class GraphOdometry:
         guess, guess_covariance = self._predicted(stamp_ns, aids.wheels)
         motion = None
         if left is not None and self._keyframe is not None:
-            motion = tracked_motion(self._camera, self._keyframe, left, self._T_left_base @ inverse(guess) @ self._T_base_left)
+            T_left_before = self._T_left_base @ inverse(guess) @ self._T_base_left
+            motion = tracked_motion(self._camera, self._keyframe, left, T_left_before)
         news = ''
         if motion is None or self._is_due(motion, left):
             news = self._make_keyframe(stamp_ns, left, right, aids, motion, guess,
@@ -178,12 +196,12 @@ class GraphOdometry:
             return None
         begin_ns = stamp_ns if aids.inertial is None or not len(aids.inertial.stamps_ns) \
             else int(aids.inertial.stamps_ns[0]) - 1
-        up = self._turns.up(begin_ns, stamp_ns)
+        up = self._turns.up(begin_ns, stamp_ns)     # the rover stands
         z = up[0] / np.linalg.norm(up[0]) if up is not None else np.array([0.0, 0.0, 1.0])
         x = np.array([1.0, 0.0, 0.0]) - z[0] * z
         x /= np.linalg.norm(x)
         R = np.array([x, np.cross(z, x), z])        # R_map_base: rows are the map's axes in base
-        tilt = self._tilt_sigma_rad(up[1]) if up is not None else 10.0 * _EXACT
+        tilt = math.hypot(_TILT_RAD, 0.01 / self._gravity_mps2) if up is not None else 10.0 * _EXACT
         sigma = np.array([tilt, tilt, _EXACT, _EXACT, _EXACT, _EXACT])
         seen = self._sun_at(stamp_ns)
         stars = self._stars_at(stamp_ns)
@@ -201,7 +219,7 @@ class GraphOdometry:
         self._graph.solve()
         self._sun = self._stars = None
         self._take(0, stamp_ns, keyframe(self._camera, left, right), aids.wheels)
-        self._frame_ns = stamp_ns
+        self._frame_ns = self._up_ns = stamp_ns
         self._frames.append((stamp_ns, 0, np.eye(4), np.zeros((6, 6))))
         return self._located(np.eye(4), np.zeros((6, 6)), True, '')
 
@@ -277,9 +295,7 @@ class GraphOdometry:
             error = _difference(relative, guess)
             S = covariance + guess_covariance
             if error @ np.linalg.solve(S, error) > gate(6):
-                self.counts.wheels_refused += 1
-                if motion.inliers < _WELL_SEEN:     # then rather the images are wrong
-                    relative, covariance, self._seen = guess, guess_covariance, False
+                self.counts.wheels_refused += 1     # geometry has checked the images
             else:
                 relative, covariance = _fused(relative, covariance, guess, guess_covariance)
         self.counts.unseen += not self._seen
@@ -306,19 +322,22 @@ class GraphOdometry:
         self._read_back()
 
     def _read_back(self) -> None:
-        self._pose, self._covariance = self._graph.pose(self._key), \
-            self._graph.covariance(self._key)
+        self._pose = self._graph.pose(self._key)
+        self._covariance = self._graph.covariance(self._key)
+        self._live[self._key] = self._pose, self._covariance
 
     def _solve(self, key: int, T: Array, P: Array) -> str:
         """Solve the graph; if it is singular, begin another one at the last pose."""
         try:
             self._graph.solve()
-            self._graph.covariance(key)
-            return ''
+            if np.isfinite(self._graph.pose(key)).all() \
+                    and np.isfinite(self._graph.covariance(key)).all():
+                return ''
+            raise SlamError('the graph is singular: a pose is not finite')
         except (SlamError, RuntimeError):
             self.counts.restarts += 1
-            for k in range(self._first_key, key):
-                self._ended.setdefault(k, self._known.get(k, (self._pose, self._covariance)))
+            # Poses of a singular graph mean nothing: they stay as they were when they were made.
+            self._ended.update((k, self._live[k]) for k in range(self._first_key, key))
             self._graph, self._places = PoseGraph(), Places()
             self._first_key = key
             self._graph.add(key, T)
@@ -328,20 +347,17 @@ class GraphOdometry:
 
     @property
     def _known(self) -> dict[int, tuple[Array, Array]]:
-        """Poses and covariances of the keys that can still be asked for."""
-        known = {}
-        for key in range(self._first_key, self._key + 1):
-            try:
-                known[key] = self._graph.pose(key), self._graph.covariance(key)
-            except (RuntimeError, IndexError):
-                break
-        return known
+        """Poses and covariances of the keys of this graph."""
+        return {key: (self._graph.pose(key), self._graph.covariance(key))
+                for key in range(self._first_key, self._key + 1)}
 
     def _tilt_sigma_rad(self, time_s: float) -> float:
         return math.hypot(_TILT_RAD, _SPEED_CHANGE_MPS / (self._gravity_mps2 * time_s))
 
     def _hold_attitude(self, key: int, stamp_ns: int, T: Array, P: Array) -> None:
-        up = self._turns.up(self._stamp_ns, stamp_ns)
+        up = None
+        if stamp_ns - self._up_ns >= _UP_NS:
+            up, self._up_ns = self._turns.up(self._up_ns, stamp_ns), stamp_ns
         if up is not None and 0.5 < np.linalg.norm(up[0]) / self._gravity_mps2 < 2.0:
             self._graph.direction(key, np.array([0.0, 0.0, 1.0]), up[0],
                                   self._tilt_sigma_rad(up[1]))
@@ -419,6 +435,11 @@ class GraphOdometry:
 
     # Results
 
+    @property
+    def frames_ns(self) -> Stamps:
+        """(n,) stamps of all frames that have a pose."""
+        return np.array([ns for ns, *_ in self._frames], np.int64)
+
     def trajectory(self) -> Trajectory:
         """Return T_map_left of all frames with covariances, by all that is known now.
 
@@ -434,9 +455,8 @@ class GraphOdometry:
             poses.append(T @ self._T_base_left)
             covariances.append(self._of_left(T, P))
         T = np.array(poses)
-        return Trajectory(np.array([ns for ns, *_ in self._frames], np.int64), T[:, :3, 3],
-                          wxyz(Rotation.from_matrix(T[:, :3, :3])), 'graph',
-                          np.array(covariances))
+        return Trajectory(self.frames_ns, T[:, :3, 3], wxyz(Rotation.from_matrix(T[:, :3, :3])),
+                          'graph', np.array(covariances))
 
 
 def _composed(T: Array, P: Array, relative: Array, covariance: Array) -> tuple[Array, Array]:

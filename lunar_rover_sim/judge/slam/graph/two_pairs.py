@@ -27,6 +27,8 @@ _FEW = 10                   # inliers of a prediction
 _STEPS = 6
 _SIGMA_PX = 0.35            # of a corner, and of a disparity
 _GATE = 3.0                 # an error beyond this many deviations is no inlier
+# Errors of neighbouring corners hang together: the information of n of them is that of n / this.
+_TOGETHER = 2.5
 _FLOOR_M, _FLOOR_RAD = 2e-4, 1e-4      # standard deviations that no motion is below
 
 
@@ -128,7 +130,8 @@ def _motion(camera: Camera, a: Keyframe, index: NDArray[np.int64], seen_px: Arra
     T, information, used = refined
     R = T[:3, :3]
     # Exp(w, v) T_b_a is T_a_b Exp(-w, -v): the same covariance, in b.
-    covariance = np.linalg.inv(information) + np.diag([_FLOOR_RAD**2] * 3 + [_FLOOR_M**2] * 3)
+    covariance = _TOGETHER * np.linalg.inv(information) + np.diag(
+        [_FLOOR_RAD**2] * 3 + [_FLOOR_M**2] * 3)
     T_a_b = se3(R.T, -R.T @ T[:3, 3])
     return Motion(T_a_b, covariance, used, float(np.median(
         np.linalg.norm(seen_px[:, :2] - flow, axis=1))))
