@@ -13,6 +13,9 @@ SHARE = os.path.join('share', NAME)
 # Read, not imported: a build has none of what the package imports.
 VERSION = re.search(r"^__version__ = '(.+)'$",
                     Path(NAME, '__init__.py').read_text('utf-8'), re.M)[1]
+# There are wheels of it for CPython 3.11 to 3.14, on Linux and macOS.
+GTSAM = 'gtsam>=4.3,<5; python_version>="3.11" and python_version<"3.15" and ' \
+        'sys_platform!="win32"'
 # Its validators are those of the tests. There are no wheels of it for Python 3.10.
 USD = 'usd-core>=26.5,<27; python_version>="3.11"'
 
@@ -89,8 +92,8 @@ setup(
         # Training of policies. Take torch from its CPU index first, or it brings CUDA.
         'train': ['gymnasium>=1.1', 'stable-baselines3>=2.4', 'sb3-contrib>=2.4', 'torch>=2.5',
                   'cma>=4', 'onnx>=1.16', 'onnxruntime>=1.18', 'tensorboard', 'tqdm'],
-        # The SLAM system `graph`; wheels for CPython 3.11 to 3.14, on Linux and macOS.
-        'graph': ['gtsam>=4.3,<5; python_version>="3.11"'],
+        # The SLAM system `graph`.
+        'graph': [GTSAM],
         # Policies: policy_node and `validate policy`.
         'policy': ['onnxruntime>=1.18'],
         # The live view in a browser.
@@ -100,7 +103,7 @@ setup(
                  'import-linter>=2', 'isort>=5', 'mlcroissant>=1.0', 'mypy>=1.10',
                  'pycocotools>=2.0.8', 'pycodestyle>=2.11', 'ruff>=0.6', 'vulture>=2.11',
                  'types-PyYAML', 'types-psutil', 'mcap-ros2-support>=0.5',
-                 'setuptools>=70.1', 'distributed>=2024.4', USD,
+                 'setuptools>=70.1', 'distributed>=2024.4', GTSAM, USD,
                  'webdataset>=1.0', 'websockets>=15', 'gymnasium>=1.1', 'onnx>=1.16',
                  'onnxruntime>=1.18'],
         'docs': ['furo>=2024.8', 'myst-nb>=1.1', 'sphinx>=7'],

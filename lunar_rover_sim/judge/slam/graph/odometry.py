@@ -201,7 +201,8 @@ class GraphOdometry:
         x = np.array([1.0, 0.0, 0.0]) - z[0] * z
         x /= np.linalg.norm(x)
         R = np.array([x, np.cross(z, x), z])        # R_map_base: rows are the map's axes in base
-        tilt = math.hypot(_TILT_RAD, 0.01 / self._gravity_mps2) if up is not None else 10.0 * _EXACT
+        # Without gravity the map is as the rover stands.
+        tilt = 10.0 * _EXACT if up is None else math.hypot(_TILT_RAD, 0.01 / self._gravity_mps2)
         sigma = np.array([tilt, tilt, _EXACT, _EXACT, _EXACT, _EXACT])
         seen = self._sun_at(stamp_ns)
         stars = self._stars_at(stamp_ns)
