@@ -93,11 +93,6 @@ class Places:
             place.position_m, place.yaw_rad = T[:3, 3].copy(), _yaw(T)
             self._cells[self._cell(place.position_m)].append(place)
 
-    @property
-    def keys(self) -> list[int]:
-        """Keys of all places."""
-        return [place.key for cell in self._cells.values() for place in cell]
-
     def _words(self, keyframe: Keyframe) -> NDArray[np.int64]:
         # Descriptors are never negative: their mean is taken off, or all signs would be alike.
         d = keyframe.descriptors.astype(float)
