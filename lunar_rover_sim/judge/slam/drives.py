@@ -140,7 +140,7 @@ class Judged:
 _DRIVE = ('scenario', 'parameter', 'value', 'seed', 'asked_s', 'settings')
 _RESULT = tuple(field.name for field in dataclasses.fields(SlamResult))
 _NUMBERS = tuple(field.name for field in dataclasses.fields(SlamResult)
-                 if field.name not in ('system', 'sensor', 'reason', 'frames'))
+                 if field.name not in ('system', 'sensor', 'reason', 'frames', 'words'))
 
 
 def csv_of_drives(judged: Iterable[Judged]) -> str:
@@ -211,7 +211,7 @@ def _of_row(path: Path, line: int, row: dict[str, Any]) -> Judged:
     drive = Drive(text('scenario'), int(text('seed')), number('asked_s'), text('parameter'),
                   text('value'), overrides)
     return Judged(drive, SlamResult(text('system'), text('sensor'), text('reason'),
-                                    int(frames), **numbers),
+                                    int(frames), words=text('words'), **numbers),
                   text('failed') == '1')
 
 
