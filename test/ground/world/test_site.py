@@ -1,0 +1,168 @@
+"""A site: windows with the same ground where they overlap, from every side, made once."""
+
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+
+from ground.world.elevation_models import hills, write_tiff
+import numpy as np
+import pytest
+from waiting import LIMIT_S
+
+from lunar_rover_sim.base.errors import WorldError
+from lunar_rover_sim.base.parameters import merge
+from lunar_rover_sim.ground.world import cache
+from lunar_rover_sim.ground.world.build import build_world, drop_m
+from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.levels import axis_m
+from lunar_rover_sim.ground.world.site import Site
+from lunar_rover_sim.ground.world.world_folder import content_hash, load_world
+
+WINDOW = {'size_m': 25.6, 'cell_m': 0.05, 'surroundings': {'samples': 257}}
+SIDES = ((12.8, 0.0), (-12.8, 0.0), (0.0, 12.8), (-12.8, -12.8))
+
+
+def made_up(tmp_path):
+    return WINDOW
+
+
+def measured(tmp_path):
+    path = write_tiff(tmp_path / 'hills.tif', hills(160))
+    return merge(WINDOW, {'source': 'dem', 'path': str(path), 'dem': {'center': [3.0, -7.7]}})
+
+
+@pytest.fixture(params=[made_up, measured])
+def site(request, tmp_path, monkeypatch):
+    monkeypatch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path / 'cache'))
+    site = Site(WorldConfig.from_mapping(request.param(tmp_path)), 3)
+    yield site
+    site.close()
+
+
+def shared(one, other, k=0):
+    """Return the samples that two windows share of a level, without the outermost ones."""
+    a, b = one.levels[k], other.levels[k]
+    parts = []
+    for grid, beside in ((a, b), (b, a)):
+        ranges = []
+        for axis in (1, 0):
+            offset = round((beside.middle_m[axis] - grid.middle_m[axis]) / grid.cell_m)
+            ranges.append(slice(max(offset, 0) + 1, grid.n + min(offset, 0) - 1))
+        parts.append(tuple(ranges))
+    return parts
+
+
+def test_the_ground_is_the_same_from_every_side(site):
+    """Heights and rocks bit by bit, albedo but for the border; craters by their keys."""
+    middle = site.window((0.0, 0.0))
+    for side in SIDES:
+        beside = site.window(side)
+        assert beside.ground.middle_m == side and content_hash(beside) == beside.hash
+        here, there = shared(middle, beside)
+        assert middle.ground.heights_m[here].size > 100_000 // 2
+        np.testing.assert_array_equal(middle.ground.heights_m[here],
+                                      beside.ground.heights_m[there])
+        inner = np.s_[60:-60, 60:-60]
+        np.testing.assert_array_equal(middle.albedo[here][inner], beside.albedo[there][inner])
+        keys, i, j = np.intersect1d(middle.rocks.key, beside.rocks.key, return_indices=True)
+        assert len(keys) > 20
+        for name in ('position_m', 'orientation_wxyz', 'shape', 'size', 'albedo'):
+            np.testing.assert_array_equal(getattr(middle.rocks, name)[i],
+                                          getattr(beside.rocks, name)[j])
+        _, i, j = np.intersect1d(middle.craters.key, beside.craters.key, return_indices=True)
+        assert len(i) > 100
+        np.testing.assert_array_equal(middle.craters.position_m[i], beside.craters.position_m[j])
+
+
+def test_coarse_levels_agree_but_for_the_sphere_and_what_lies_within():
+    config = WorldConfig.from_mapping(WINDOW)
+    site = Site(config, 3)
+    one, other = site.window((0.0, 0.0)), site.window((12.8, 0.0))
+    heights, coarse = [], []
+    for world in (one, other):
+        grid = world.levels[1]
+        x = axis_m(grid.n, grid.cell_m)
+        heights.append(grid.heights_m + drop_m(x**2 + x[:, None]**2, 0.5**0.5 * config.size_m))
+        coarse.append(np.maximum(np.abs(x), np.abs(x)[:, None]) > world.ground.half_extent_m)
+    here, there = shared(one, other, 1)
+    # Where neither window shows its fine ground, nor fades into the next level.
+    alike = (coarse[0][here] & coarse[1][there])[60:-60, 60:-60]
+    off = np.abs(heights[0][here] - heights[1][there])[60:-60, 60:-60][alike]
+    assert off.size > 1000 and np.mean(off < 1e-4) > 0.99
+    site.close()
+
+
+def test_where_windows_are_and_when_the_next_one_comes():
+    site = Site(WorldConfig.from_mapping({**WINDOW, 'site_km': 0.2}), 3)
+    assert site.half_extent_m == pytest.approx(12.8 + 6 * 12.8)
+    assert site.middle((0.0, 0.0)) == (0.0, 0.0)
+    assert site.middle((9.0, -9.0), (0.0, 0.0)) == (0.0, 0.0)
+    assert site.middle((9.7, -2.0), (0.0, 0.0)) == (12.8, 0.0)
+    assert site.middle((7.0, 0.0)) == (12.8, 0.0)
+    assert site.middle((500.0, -500.0)) == pytest.approx((76.8, -76.8))
+    for wrong in ((1.0, 0.0), (89.6, 0.0)):
+        with pytest.raises(WorldError, match='is not the middle of a window; valid are multiples'):
+            site.window(wrong)
+
+
+def test_a_world_made_by_hand_is_its_only_window():
+    world = build_world(WorldConfig.from_mapping(
+        {'size_m': 6.4, 'cell_m': 0.1, 'surroundings': {'samples': 65, 'extent_m': 20.0}}), 1)
+    assert Site.of(world).window((12.8, 0.0)).config == world.config
+    lifted = Site.of(world.local() if world.ground.middle_m != (0.0, 0.0) else
+                     type(world)(world.levels, world.albedo, world.rocks, world.rock_shapes,
+                                 world.config, ''))
+    assert lifted.middle((300.0, 2.0)) == (0.0, 0.0)
+    assert lifted.half_extent_m == world.ground.half_extent_m
+    with pytest.raises(WorldError, match='is not the middle of a window'):
+        lifted.window((12.8, 0.0))
+
+
+def test_a_measured_site_ends_with_its_file(tmp_path):
+    site = Site(WorldConfig.from_mapping(measured(tmp_path)))
+    # 320 m wide, with the origin 7.7 m off its middle, and pixels of 2 m.
+    assert site.half_extent_m == pytest.approx(12.8 + 10 * 12.8)
+    site.close()
+
+
+def test_a_hole_on_the_way_is_refused_with_its_place(tmp_path):
+    heights = hills(160)
+    heights[80:83, 100:104] = np.nan
+    path = write_tiff(tmp_path / 'hole.tif', heights)
+    site = Site(WorldConfig.from_mapping({**WINDOW, 'source': 'dem', 'path': str(path)}))
+    with pytest.raises(WorldError, match='in the window around x 38.4, y 0 m have no data'):
+        site.window((3 * site.step_m, 0.0))
+    site.close()
+
+
+TINY = {'size_m': 6.4, 'cell_m': 0.1, 'surroundings': {'samples': 65, 'extent_m': 20.0}}
+
+
+def test_a_damaged_window_is_made_again_and_one_made_ahead_is_the_same(tmp_path, monkeypatch):
+    monkeypatch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path))
+    site = Site(WorldConfig.from_mapping(TINY), 5)
+    folder = site.folder((12.8, 0.0))
+    first = load_world(folder).hash
+    (folder / 'height_0.npy').write_bytes(b'nothing')
+    assert load_world(site.folder((12.8, 0.0))).hash == first
+    shutil.rmtree(folder)
+    site.ahead((12.8, 0.0))
+    assert site.window((12.8, 0.0)).hash == first
+    assert folder.parent == cache.window_folder()
+    site.close()
+
+
+def test_two_processes_make_a_window_once(tmp_path):
+    program = ('from lunar_rover_sim.ground.world.site import Site\n'
+               'from lunar_rover_sim.ground.world.config import WorldConfig\n'
+               f'site = Site(WorldConfig.from_mapping({TINY!r}), 5)\n'
+               'print(site.folder((0.0, 12.8)), site.window((0.0, 12.8)).hash)\n')
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path),
+                   'LUNAR_ROVER_SIM_CACHE': str(tmp_path)}
+    both = [subprocess.Popen([sys.executable, '-c', program], env=environment, text=True,
+                             stdout=subprocess.PIPE, stderr=subprocess.PIPE) for _ in range(2)]
+    said = {process.communicate(timeout=LIMIT_S)[0] for process in both}
+    assert len(said) == 1 and '' not in said
+    assert len([p for p in pathlib.Path(tmp_path, 'windows').iterdir() if p.is_dir()]) == 1
