@@ -35,7 +35,9 @@ class RayScene:
         self._link = [LINKS.index(self.rover.body(body).name.replace(BASE_BODY, 'base_link'))
                       if body else -1 for body in self.rover.geom_bodyid]
         rocks = self.world.geom_type == mujoco.mjtGeom.mjGEOM_MESH
-        self._rock = np.cumsum(rocks & (self.world.geom_bodyid == 0)) - 1
+        # Geoms stand in the order of keys.
+        order = np.append(np.argsort(world.rocks.key, kind='stable'), -1)
+        self._rock = order[np.cumsum(rocks & (self.world.geom_bodyid == 0)) - 1]
 
     def place(self, state):
         """Set the rover's pose by MuJoCo's kinematics."""
