@@ -3,6 +3,9 @@
 A rover that plans by its map alone forgets a wall that rolls off it. And if ground beyond the map
 costs less than unknown ground on it, the nearest edge is the cheapest way: it turns back to drive
 around what it has not looked at yet.
+
+It is kept around the rover alone, and a goal beyond that is replaced by a place on the way there:
+a new plan costs the same however far the goal is, and however far the rover has come.
 """
 
 from __future__ import annotations
@@ -18,13 +21,15 @@ from lunar_rover_sim.base.frames import Array
 
 _FINE = 4                   # cells of the map along a side of one of these
 WALL_COST = 100.0           # of an obstacle, which may have been a wrong match
+_KEPT_M = 16.0              # from the middle of the newest map, in x and in y
+_GOAL_M = 24.0              # from there, as far as ways are looked for
 _OPEN, _CLOSED = 1, 2       # unknown: 0
 _FORGOTTEN = 0.5            # share of what the last map knew; if less is known now, it is another
 _DIAGONAL = math.sqrt(2.0)
 
 
 class Overview:
-    """Cells in which the rover can stand or not, of all maps so far.
+    """Cells around the rover in which it can stand or not, of all maps so far.
 
     Attributes:
         map_cell_m: Side of a cell of the maps.
@@ -42,6 +47,7 @@ class Overview:
         self.map_cell_m, self.cell_m = cell_m, _FINE * cell_m
         self._low = np.zeros(2, int)                    # row and column of [0, 0] in the world
         self._seen = np.zeros((0, 0), np.uint8)
+        self._middle = np.zeros(2)                      # of the newest map, row and column
         self._last_low, self._last = self._low, self._seen
         self._way: tuple[tuple[int, ...], tuple[NDArray[np.int64], Array]] | None = None
 
@@ -69,7 +75,9 @@ class Overview:
         if np.count_nonzero(now[known]) < _FORGOTTEN * np.count_nonzero(known):
             self._seen = np.zeros((0, 0), np.uint8)
         self._last_low, self._last = low, new
+        self._middle = low + 0.5 * np.array(new.shape)
         self._extend(low, low + new.shape)
+        self._cut(math.ceil(_KEPT_M / self.cell_m))
         r, c = low - self._low
         part = self._seen[r:r + new.shape[0], c:c + new.shape[1]]
         np.copyto(part, new, where=new > 0)
@@ -89,14 +97,17 @@ class Overview:
 
         Args:
             points_m: (n, 2)
-            goal_m: (2,)
+            goal_m: (2,), of a far one the way there.
 
         Returns:
             (n,) [m]
         """
         cells = np.floor(np.asarray(points_m, float).reshape(-1, 2)[:, ::-1]
                          / self.cell_m).astype(int)
-        goal = np.floor(np.asarray(goal_m, float)[::-1] / self.cell_m).astype(int)
+        goal = np.asarray(goal_m, float)[::-1] / self.cell_m
+        off = goal - self._middle
+        far = _GOAL_M / self.cell_m / max(float(np.linalg.norm(off)), 1e-9)
+        goal = np.floor(self._middle + off * far if far < 1.0 else goal).astype(int)
         low, total = self._to_goal(goal, cells)
         off = np.abs(cells - goal)
         free = off.max(axis=1) + (_DIAGONAL - 1.0) * off.min(axis=1)
@@ -157,6 +168,14 @@ class Overview:
         if before.any() or after.any():
             self._seen = np.pad(self._seen, list(zip(before, after)))
             self._low = self._low - before
+
+    def _cut(self, reach: int) -> None:
+        """Forget what is farther than so many cells from the middle of the newest map."""
+        low = np.maximum(np.floor(self._middle).astype(int) - reach - self._low, 0)
+        high = np.ceil(self._middle).astype(int) + reach - self._low
+        if low.any() or (high < self._seen.shape).any():
+            self._seen = self._seen[low[0]:high[0], low[1]:high[1]].copy()
+            self._low = self._low + low
 
 
 def _blocks(cells: NDArray[np.bool_]) -> NDArray[np.int64]:
