@@ -271,6 +271,9 @@ GRID_MAP = Topic('map/grid_map', 'grid_map_msgs/msg/GridMap', EVENT, 'mapping_no
                  'where grid_map_msgs is installed', in_all=False)
 PLAN = Topic('plan', 'nav_msgs/msg/Path', EVENT, 'navigator_node', frames.ODOM_FRAME,
              'what the navigator follows; sent when it changes, empty without a plan')
+GLOBAL_PLAN = Topic('global_plan', 'nav_msgs/msg/Path', LATCHED, 'navigator_node',
+                    frames.ODOM_FRAME, 'the way to a far goal over the map from orbit, along '
+                    'which plan leads; sent when it changes')
 GOAL = Topic('goal', 'geometry_msgs/msg/PoseStamped', EVENT, 'navigator_node', frames.ODOM_FRAME,
              'what it drives to, sent when that changes')
 NAVIGATOR_STATUS = Topic('navigator/status', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED,
@@ -288,9 +291,9 @@ CONTRACT: tuple[Topic, ...] = (
     MISCALIBRATION, LABEL_CLASSES, VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD,
     *OF_LIDAR, LIDAR_SCANNED, SUN, WORLD_HASH, WORLD_WINDOW, ROBOT_DESCRIPTION, SCENARIO, TF,
     TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TRAVERSABILITY, ELEVATION, GRID_MAP,
-    PLAN, GOAL, NAVIGATOR_STATUS, NAVIGATED)
+    PLAN, GLOBAL_PLAN, GOAL, NAVIGATOR_STATUS, NAVIGATED)
 # Latched topics of what changes: sent again then, and none of it is to be lost.
-CHANGING: tuple[Topic, ...] = (SUN, NAVIGATOR_STATUS, WORLD_WINDOW)
+CHANGING: tuple[Topic, ...] = (SUN, NAVIGATOR_STATUS, GLOBAL_PLAN, WORLD_WINDOW)
 # What the navigator reads; its users publish it.
 GOAL_POSE = Topic('goal_pose', 'geometry_msgs/msg/PoseStamped', EVENT, '')
 WAYPOINTS = Topic('waypoints', 'nav_msgs/msg/Path', EVENT, '')

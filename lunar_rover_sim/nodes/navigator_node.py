@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+import functools
 import math
+import pathlib
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -14,6 +16,7 @@ import numpy as np
 from std_msgs.msg import Header
 
 from lunar_rover_sim.autonomy.navigation.config import SLAM, TraversabilityConfig
+from lunar_rover_sim.autonomy.navigation.global_plan import GroundCosts
 from lunar_rover_sim.autonomy.navigation.navigator import Navigator, NavigatorCommand, Status
 from lunar_rover_sim.autonomy.navigation.planner import Plan
 from lunar_rover_sim.autonomy.navigation.traversability import Limits, Traversability
@@ -24,6 +27,8 @@ from lunar_rover_sim.base.errors import NavigationError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.world.follower import site_of
+from lunar_rover_sim.ground.world.orbital_making import orbital_map
+from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig, OrbitalMap
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.nodes import conversions, map_conversions, node_main, qos
 from lunar_rover_sim.nodes.nav2_action import NavigateToPoseServer, Progress
@@ -49,11 +54,16 @@ class NavigatorNode(node_main.GraphNode):
         super().__init__('navigator_node')
         self._config = config = declare(self, NavigatorNodeConfig)
         rover = load_rover(config.rover or None)
-        half_extent_m = None
+        half_extent_m, self._costs = None, None
         if config.world:
             half_extent_m = site_of(load_world(config.world, verify=False)).half_extent_m
+        if config.world or config.maps:
+            self._costs = functools.cache(self._costs_from_orbit)
         radius_m = config.radius_m or Limits.of(rover, TraversabilityConfig()).radius_m
-        self._navigator = Navigator(config, radius_m, half_extent_m)
+        self._navigator = Navigator(config, radius_m, half_extent_m, self._costs)
+        if self._costs is not None and any(math.dist(a, b) > config.far.from_m for a, b in zip(
+                ((0.0, 0.0), *config.goals), config.goals)):
+            self._costs()       # now, since time may wait for it later
         self._period_ns = NS_PER_S // config.rate_hz
         self._map_ns = round(config.map_period_s * 1e9)
         self._lag_ns = round(config.map_lag_s * 1e9)
@@ -63,6 +73,7 @@ class NavigatorNode(node_main.GraphNode):
         self._status: Status | None = None
         self._plan: Plan | None = None
         self._goals: tuple[Array, ...] = ()
+        self._far_points: Array | None = None
         self._restart()
         self._poses = PoseSource(self, config, config.pose, rover, self.wake, self._restart)
         self.create_subscription(Odometry, config.truth.name, self._odom_callback,
@@ -77,9 +88,11 @@ class NavigatorNode(node_main.GraphNode):
         self._publisher = self.create_publisher(TwistStamped if stamped else Twist,
                                                 topics.CMD_VEL.name, qos.offered(topics.CMD_VEL))
         self._outputs = {topic: self.create_publisher(kind, topic.name, qos.offered(topic))
-                         for topic, kind in ((topics.PLAN, Path), (topics.GOAL, PoseStamped),
-                                             (topics.NAVIGATOR_STATUS, DiagnosticArray),
-                                             (topics.NAVIGATED, Header))}
+                         for topic, kind in (
+                             (topics.PLAN, Path), (topics.GLOBAL_PLAN, Path),
+                             (topics.GOAL, PoseStamped),
+                             (topics.NAVIGATOR_STATUS, DiagnosticArray),
+                             (topics.NAVIGATED, Header))}
         self._action = NavigateToPoseServer.make(self, self._set_goals)
         self._matching = ReaderDiscovery(self, [self._publisher, *self._outputs.values()],
                                          config.participants if config.lockstep else ())
@@ -95,6 +108,13 @@ class NavigatorNode(node_main.GraphNode):
         self._place: Array | None = None
         self._driven_m, self._told_s = 0.0, -1
         self._is_done = False
+
+    def _costs_from_orbit(self) -> GroundCosts:
+        """Return what ground costs by the maps from orbit: those given, or those of the world."""
+        config = self._config
+        maps = OrbitalMap.load(pathlib.Path(config.maps)) if config.maps else orbital_map(
+            load_world(config.world, verify=False), OrbitalConfig(photo_pixel_m=0.0))
+        return GroundCosts.of(maps, config.far)
 
     # Input
 
@@ -219,6 +239,11 @@ class NavigatorNode(node_main.GraphNode):
             self._plan = plan
             points = np.zeros((0, 2)) if plan is None else plan.points_m
             self._outputs[topics.PLAN].publish(map_conversions.path(points, frame_id, stamp))
+        far = self._navigator.far
+        if far is not None and far.points_m is not self._far_points:
+            self._far_points = far.points_m
+            self._outputs[topics.GLOBAL_PLAN].publish(
+                map_conversions.path(far.points_m, frame_id, stamp))
         if goals and (not self._goals or goals[0] is not self._goals[0]):
             self._outputs[topics.GOAL].publish(map_conversions.goal(goals[0], frame_id, stamp))
         self._goals = goals

@@ -353,6 +353,9 @@ class NavigatorNodeConfig(PacedConfig, NodeConfig, NavigatorConfig):
     end_after_s: float = param(1.0, 'time after arrival, or after giving up, at which a run ends; '
                                'negative: it goes on for its whole duration', unit='s', low=-1.0,
                                high=3600.0)
+    maps: str = param('', 'folder of maps from orbit, of `world export --orbital`, by which far '
+                      'goals are planned to; empty: those of the world, heights at 2 m, made at '
+                      'the start')
     radius_m: float = param(0.0, 'of the circle around the rover and its spokes; 0: by its '
                             'description', unit='m', low=0.0, high=10.0)
     enable_stamped_cmd_vel: bool = param(True, 'publish cmd_vel as TwistStamped (true) or Twist '

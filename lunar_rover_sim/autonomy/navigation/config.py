@@ -134,8 +134,12 @@ class GlobalPlanConfig(Parameters):
                              low=0.0, high=1000.0)
     blocked_cost: float = param(20.0, 'what a cell costs more in which the rover found no way',
                                 low=1.0, high=1e4)
-    ahead_m: float = param(5.0, 'distance along the plan to the place that the local plan leads '
-                           'to', unit='m', low=0.5, high=50.0)
+    from_m: float = param(20.0, 'a goal, or a way point after the one before, that is farther than '
+                          'this is planned to over the map from orbit', unit='m', low=1.0)
+    ahead_m: float = param(8.0, 'distance along the plan to the place that the local plan leads '
+                           'to', unit='m', low=0.5, high=16.0)
+    plans: int = param(6, 'plans that are made anew within 10 m, where no way is found along the '
+                       'one before, until it gives up', low=0, high=100)
 
 
 @dataclasses.dataclass(frozen=True)

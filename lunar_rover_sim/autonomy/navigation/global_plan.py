@@ -100,8 +100,16 @@ class GroundCosts:
 
     def has_ground(self, x_m: float, y_m: float) -> bool:
         """Return whether the map knows the ground at a place."""
-        cell = self.cell_of((x_m, y_m))
-        return cell is not None and bool(self.known[cell])
+        return bool(self.known_at(np.array([x_m]), np.array([y_m]))[0, 0])
+
+    def known_at(self, x_m: Array, y_m: Array) -> NDArray[np.bool_]:
+        """Return where the map knows the ground, for columns x (n,) and rows y (m,) as (m, n)."""
+        rows, columns = (np.floor((at - low) / self.cell_m).astype(int)
+                         for at, low in zip((y_m, x_m), self.low_m[::-1]))
+        inside = [(k >= 0) & (k < size) for k, size in zip((rows, columns), self.known.shape)]
+        found = np.zeros((len(rows), len(columns)), bool)
+        found[np.ix_(*inside)] = self.known[np.ix_(rows[inside[0]], columns[inside[1]])]
+        return found
 
 
 def _filled(values: Array, known: NDArray[np.bool_]) -> Array:
@@ -153,6 +161,7 @@ class GlobalPlan:
         points_m: (n, 2) from the rover on to the goal.
         goals_m: What is still to be reached, (2,) each.
         made: How many plans were made.
+        costs: What ground costs, with what was reported.
     """
 
     def __init__(self, costs: GroundCosts, start_m: ArrayLike, goals_m: Sequence[ArrayLike],
@@ -166,7 +175,7 @@ class GlobalPlan:
             NavigationError: If there is no goal, one lies beyond the map or where no rover can
                 stand, or no way leads there.
         """
-        self._costs, self.config = dataclasses.replace(costs, cost=costs.cost.copy()), config
+        self.costs, self.config = dataclasses.replace(costs, cost=costs.cost.copy()), config
         self.goals_m = tuple(self._checked(goal, border_m) for goal in goals_m)
         if not self.goals_m:
             raise NavigationError('goals_m: none is given; valid is one or more')
@@ -207,7 +216,7 @@ class GlobalPlan:
 
     def has_ground(self, x_m: float, y_m: float) -> bool:
         """Return whether the map knows the ground at a place."""
-        return self._costs.has_ground(x_m, y_m)
+        return self.costs.has_ground(x_m, y_m)
 
     def reach(self, position_m: ArrayLike) -> None:
         """Go on to the next goal, from the present one."""
@@ -226,7 +235,7 @@ class GlobalPlan:
         Returns:
             Whether there is a new plan; the old one stays without.
         """
-        costs = self._costs
+        costs = self.costs
         own = costs.cell_of(position_m)
         cells = {cell for xy in np.asarray(points_m, float).reshape(-1, 2)
                  if (cell := costs.cell_of(xy)) is not None}
@@ -255,7 +264,7 @@ class GlobalPlan:
             point = np.empty(0)
         if point.shape != (2,) or not np.isfinite(point).all():
             raise NavigationError(f'goal: {brief(goal)} is not valid; valid are finite x, y [m]')
-        costs = self._costs
+        costs = self.costs
         low = np.array(costs.low_m) + border_m
         high = costs.low_m + np.array(costs.cost.shape[::-1]) * costs.cell_m - border_m
         if (point < low).any() or (point > high).any():
@@ -273,23 +282,23 @@ class GlobalPlan:
 
     def _start(self, start_m: ArrayLike) -> Array:
         start = np.asarray(start_m, float)[:2]
-        cell = self._costs.cell_of(start) if np.isfinite(start).all() else None
+        cell = self.costs.cell_of(start) if np.isfinite(start).all() else None
         if cell is None:
             raise NavigationError(f'start: {brief(start_m)} is not on the map of the site')
-        if not np.isfinite(self._costs.cost[cell]):
+        if not np.isfinite(self.costs.cost[cell]):
             # The map must be wrong here.
-            self._costs.cost[cell] = _ESCAPE
+            self.costs.cost[cell] = _ESCAPE
             for search in getattr(self, '_searches', []):
                 search.changed(np.array([cell[0]]), np.array([cell[1]]))
         return start
 
     def _search(self, goal: Array) -> IncrementalSearch:
-        cell = self._costs.cell_of(goal)
+        cell = self.costs.cell_of(goal)
         assert cell is not None
-        return IncrementalSearch(self._costs.cost, cell)
+        return IncrementalSearch(self.costs.cost, cell)
 
     def _leg(self, search: IncrementalSearch, start: Array, goal: Array) -> Array:
-        cell = self._costs.cell_of(start)
+        cell = self.costs.cell_of(start)
         assert cell is not None
         cells = search.way(cell)
         if cells is None:
@@ -298,8 +307,8 @@ class GlobalPlan:
                 f'y {goal[1]:g} m over ground that is known and less steep than '
                 f'far.max_slope_deg {self.config.max_slope_deg:g}')
         self.made += 1
-        kept = _straightened(self._costs.cost, cells, _SHORTCUT_CELLS)
-        points = self._costs.centre_m(cells[kept])
+        kept = _straightened(self.costs.cost, cells, _SHORTCUT_CELLS)
+        points = self.costs.centre_m(cells[kept])
         return np.concatenate([start[None], points[1:-1], goal[None]])
 
     def _joined(self) -> None:

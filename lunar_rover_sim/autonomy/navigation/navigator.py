@@ -6,7 +6,7 @@ It reads no clock and no random number: the same calls give the same commands.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import dataclasses
 import enum
 import math
@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.autonomy.navigation.config import NavigatorConfig
+from lunar_rover_sim.autonomy.navigation.global_plan import GlobalPlan, GroundCosts
 from lunar_rover_sim.autonomy.navigation.overview import Overview
 from lunar_rover_sim.autonomy.navigation.planner import Disc, Ground, Plan, Planner
-from lunar_rover_sim.autonomy.navigation.traversability import Traversability
+from lunar_rover_sim.autonomy.navigation.traversability import LETHAL, Traversability
 from lunar_rover_sim.autonomy.path_following.config import DriveConfig
 from lunar_rover_sim.autonomy.path_following.driver import PurePursuit, Steering
 from lunar_rover_sim.autonomy.path_following.route import Route
@@ -46,6 +47,9 @@ _LET_DOWN_NS = NS_PER_S // 2    # of standing, in which legs that stand let a bo
 _SETTLED_NS = NS_PER_S      # after which a walking body is at rest
 _NEARER_M = 0.3             # progress to the goal that counts
 _RECOVERED_M = 1.0          # nearer by this, earlier recoveries do not count any more
+_ONE_PLACE_M = 10.0         # plans that are made anew within this are at one place
+_HOLE_M = 3.0               # a hole of the map from orbit this near is told of
+_NEWS_M = 1.0               # from place to place of the way on which no way was found
 
 
 class Status(str, enum.Enum):
@@ -97,17 +101,22 @@ class Navigator:
 
     Attributes:
         plan: What it follows; None without one.
+        far: The plan over the map from orbit along which `plan` leads; None: it leads straight to
+            the goal.
         notes: Lines on what has happened since they were last taken, oldest first.
         backed_off: How often it has backed off, or tried to, since the last goals.
     """
 
     def __init__(self, config: NavigatorConfig, radius_m: float,
-                 half_extent_m: float | None = None) -> None:
+                 half_extent_m: float | None = None,
+                 costs: Callable[[], GroundCosts] | None = None) -> None:
         """Make a navigator.
 
         Args:
             radius_m: Of the circle around the rover and its spokes.
             half_extent_m: The world extends to +-half_extent_m [m]; None has no edge.
+            costs: Returns what ground costs by the map from orbit; called where a goal is farther
+                than `far.from_m`. None: there is no such map.
 
         Raises:
             NavigationError: If a goal of the configuration is outside the world.
@@ -115,6 +124,7 @@ class Navigator:
         self._config = config
         self._radius_m = radius_m
         self._half_extent_m = math.inf if half_extent_m is None else half_extent_m
+        self._costs = costs
         self._pursuit_config = DriveConfig(
             speed_mps=config.speed_mps, max_yaw_rate_radps=config.max_yaw_rate_radps,
             lookahead_m=config.lookahead_m, turn_in_place_deg=config.turn_in_place_deg,
@@ -125,6 +135,7 @@ class Navigator:
     def reset(self) -> None:
         """Start again with the goals of the configuration."""
         self._goals: list[Array] = []
+        self.far: GlobalPlan | None = None
         self._final_heading_rad: float | None = None
         self.plan: Plan | None = None
         self._start_ns: int | None = None
@@ -132,6 +143,8 @@ class Navigator:
         self._final: NavigatorCommand | None = None
         self._grid: Traversability | None = None
         self._overview: Overview | None = None
+        self._news: list[Array] = []            # where plans over the map from orbit were made anew
+        self._holes: list[Array] = []           # of that map, which were told of
         self._discs: list[Disc] = []
         self._trail: list[Disc] = []
         self._position: Array | None = None
@@ -155,9 +168,23 @@ class Navigator:
         """
         checked = [self._checked(goal) for goal in goals_m]
         self._goals, self._final, self.plan = checked, None, None
+        self.far, self._is_far_known = None, False
+        self._news.clear()
         self._final_heading_rad = final_heading_rad
         self.backed_off = 0
         self._restart()
+
+    def follow(self, far: GlobalPlan, final_heading_rad: float | None = None) -> None:
+        """Drive along a plan over the map from orbit, through its goals.
+
+        Args:
+            final_heading_rad: As of `set_goals`.
+
+        Raises:
+            NavigationError: If a goal of it is outside the world; the old ones stay.
+        """
+        self.set_goals(far.goals_m, final_heading_rad)
+        self.far, self._is_far_known = far, True
 
     @property
     def goals_m(self) -> tuple[Array, ...]:
@@ -169,6 +196,8 @@ class Navigator:
         if not self._goals:
             return 0.0
         position = np.asarray(position_m, float)
+        if self.far is not None:
+            return self.far.left_m(position)
         way = np.stack([position[:2], self._goals[0]])
         if self.plan is not None:
             way = np.concatenate([self._rest_of(self.plan, position), self._goals[:1]])
@@ -249,6 +278,10 @@ class Navigator:
         tilt = float(tilt_deg(rotation)) if tilt_of_imu_deg is None else tilt_of_imu_deg
         self._note_place(position)
         self._note_motion(position, heading)
+        if not self._is_far_known:
+            refused = self._plan_far(position)
+            if refused is not None:
+                return refused
         if tilt > self._config.tipped_deg:
             return self._fail(Failure.TILT, f'tilted by {tilt:.0f} deg, more than tipped_deg '
                               f'{self._config.tipped_deg:g}', position)
@@ -277,6 +310,64 @@ class Navigator:
         if self._look is not None:
             return self._go_on_looking(position, heading)
         return self._stop_and_look(position, grid) or self._follow(position, heading, new_map)
+
+    # Far goals
+
+    def _plan_far(self, position: Array) -> NavigatorCommand | None:
+        """Plan over the map from orbit where a goal is far; return a command if there is no way."""
+        self._is_far_known = True
+        places = [position[:2], *self._goals]
+        if self._costs is None or all(np.linalg.norm(b - a) <= self._config.far.from_m
+                                      for a, b in zip(places, places[1:])):
+            return None
+        try:
+            self.far = GlobalPlan(self._costs(), position, self._goals, self._config.far)
+        except NavigationError as error:
+            return self._fail(Failure.BLOCKED, str(error), None)
+        self.notes.append(f'plans over the map from orbit: {self.far.length_m:.0f} m')
+        return None
+
+    def _target(self, position: Array) -> Array:
+        """Return the place (2,) that the local plan leads to."""
+        return self._goals[0] if self.far is None else self.far.ahead(position)
+
+    def _go_another_way(self, why: Failure, text: str, position: Array) -> NavigatorCommand:
+        """Plan anew over the map from orbit, since no way leads along the plan; else give up."""
+        if self.far is None:
+            return self._fail(why, text, position)
+        here = [place for place in self._news
+                if np.linalg.norm(place - position[:2]) < _ONE_PLACE_M]
+        if len(here) >= self._config.far.plans:
+            return self._fail(why, f'{text}, and made {len(here)} plans within '
+                              f'{_ONE_PLACE_M:g} m', position)
+        self._news.append(position[:2].copy())
+        ahead = np.arange(0.0, self._config.far.ahead_m + _NEWS_M, _NEWS_M)
+        if not self.far.report_blocked([self.far.ahead(position, s) for s in ahead], position):
+            return self._fail(why, text, position)
+        self.notes.append(f'{why.value}: {text}; another plan over the map from orbit, '
+                          f'{self.far.length_m:.0f} m')
+        self._look, self._around, self._recoveries = None, 0, 0
+        self._best_m, self._best_ns, self._recovered_m = math.inf, self._now_ns, math.inf
+        return self._plan_again()
+
+    def _without_holes(self, grid: Traversability, position: Array) -> Traversability:
+        """Return a map in which ground that the map from orbit does not know is not driven."""
+        if self.far is None:
+            return grid
+        at = [low + (np.arange(len(grid.cost)) + 0.5) * grid.cell_m for low in grid.origin_m]
+        hole = ~self.far.costs.known_at(*at)
+        if not hole.any() or not self.far.has_ground(*position[:2]):
+            return grid
+        rows, columns = np.nonzero(hole)
+        holes = np.stack([at[0][columns], at[1][rows]], axis=-1)
+        apart = np.linalg.norm(holes - position[:2], axis=1)
+        nearest = holes[int(np.argmin(apart))]
+        if apart.min() < _HOLE_M and all(np.linalg.norm(nearest - one) > _ONE_PLACE_M
+                                         for one in self._holes):
+            self._holes.append(nearest)
+            self.notes.append(f'keeps off x {nearest[0]:.1f} m, y {nearest[1]:.1f} m: the map '
+                              'from orbit has no heights there')
+        return dataclasses.replace(grid, cost=np.where(hole, np.int8(LETHAL), grid.cost))
 
     def _stop_and_look(self, position: Array, grid: Traversability) -> NavigatorCommand | None:
         """Return the command to stand where it is time for that; None where it may go on."""
@@ -375,14 +466,16 @@ class Navigator:
         return moved < self._config.stuck_distance_m
 
     def _patience(self, position: Array) -> NavigatorCommand | None:
-        left = float(np.linalg.norm(self._goals[0] - position[:2]))
+        left = (float(np.linalg.norm(self._goals[0] - position[:2])) if self.far is None
+                else self.far.left_m(position))
         if left < self._best_m - _NEARER_M:
             self._best_m, self._best_ns = left, self._now_ns
         if left < self._recovered_m - _RECOVERED_M:
             self._recovered_m, self._recoveries = left, 0
         if self._now_ns - self._best_ns > self._config.patience_s * 1e9:
-            return self._fail(Failure.BLOCKED, f'not nearer than {self._best_m:.1f} m for '
-                              f'{self._config.patience_s:g} s', position)
+            return self._go_another_way(
+                Failure.BLOCKED, f'not nearer than {self._best_m:.1f} m for '
+                f'{self._config.patience_s:g} s', position)
         return None
 
     def _reach(self, position: Array, heading: float) -> NavigatorCommand | None:
@@ -398,6 +491,8 @@ class Navigator:
             return self._turn(heading) or self._arrive(at)
         self.notes.append(f'waypoint reached at {at}; {len(self._goals) - 1} to go')
         self._goals.pop(0)
+        if self.far is not None:
+            self.far.reach(position)
         self.plan = None
         self._restart()
         return _still(Status.FOLLOWING, 'goes on to the next waypoint')
@@ -434,8 +529,8 @@ class Navigator:
     def _recover(self, why: Failure, text: str, position: Array) -> NavigatorCommand:
         self._recoveries += 1
         if self._recoveries > self._config.recoveries:
-            return self._fail(why, f'{text}, and backed off {self._config.recoveries} times',
-                              position)
+            return self._go_another_way(
+                why, f'{text}, and backed off {self._config.recoveries} times', position)
         self.backed_off += 1
         heading = self._heading
         way = 0.0 if self._planner is None else self._planner.clear_back_m(
@@ -532,15 +627,18 @@ class Navigator:
 
     def _end_beside(self, planner: Planner, plan: Plan, position: Array) -> NavigatorCommand:
         """Look at a goal that cannot be stood on; give up if that is still so."""
-        goal = self._goals[0]
+        goal = self._target(position)
         what = ('on an obstacle' if planner.is_blocked(goal)
                 else 'on ground that is not seen')
         if not self._has_looked_at(goal):
             towards = goal - position[:2]
             return self._begin_to_look(math.atan2(towards[1], towards[0]), goal,
                                        f'the goal seems to lie {what}')
-        return self._fail(Failure.BLOCKED, f'the goal lies {what}; the nearest place that can be '
-                          f'reached is {plan.off_goal_m:.2f} m from it', position)
+        text = (f'the goal lies {what}; the nearest place that can be reached is '
+                f'{plan.off_goal_m:.2f} m from it')
+        if np.array_equal(goal, self._goals[0]):
+            return self._fail(Failure.BLOCKED, text, position)
+        return self._go_another_way(Failure.BLOCKED, text, position)
 
     def _steering(self, planner: Planner, position: Array, heading: float) -> Steering | None:
         """Return the steering with the longest lookahead that cuts no corner at an obstacle.
@@ -570,17 +668,17 @@ class Navigator:
             return None
         if self._overview is None or self._overview.map_cell_m != self._grid.cell_m:
             self._overview = Overview(self._grid.cell_m, 1.0 + config.plan.unknown_cost)
-        planner = Planner(self._grid, config.plan, self._radius_m, position[:2],
+        planner = Planner(self._without_holes(self._grid, position), config.plan, self._radius_m, position[:2],
                           (*self._trail, *self._discs), self._overview, config.creep)
         self._overview.add(self._grid.origin_m, planner.blocked, planner.unknown, planner.room_m)
         self._planner = planner
-        old = math.inf
+        old, target = math.inf, self._target(position)
         if self.plan is not None:
-            old = planner.cost_along(self._rest_of(self.plan, position), self._goals[0])
+            old = planner.cost_along(self._rest_of(self.plan, position), target)
             if math.isfinite(old) and not due:
                 return None
         self._planned_ns = now
-        found = planner.plan(self._goals[0])
+        found = planner.plan(target)
         if found is None:
             return self._look_around(position, heading)
         self._around = 0
@@ -595,7 +693,8 @@ class Navigator:
 
     def _look_around(self, position: Array, heading: float) -> NavigatorCommand:
         if self._around >= _AROUND_TURNS:
-            return self._fail(Failure.BLOCKED, 'no way to the goal is seen, all around', position)
+            return self._go_another_way(
+                Failure.BLOCKED, 'no way to the goal is seen, all around', position)
         self._around += 1
         self.plan = self._pursuit = None
         return self._begin_to_look(heading + 2.0 * math.pi / _AROUND_TURNS, None,
