@@ -17,6 +17,7 @@ from lunar_rover_sim.bag.totals import recorded_factor, simulated_end_ns
 from lunar_rover_sim.base.errors import BagError, ConfigError
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_json, print_table, Progress, say
+from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
 from lunar_rover_sim.products.inspection import check as bag_check
 from lunar_rover_sim.products.inspection.bag_pictures import preview as draw_preview
 from lunar_rover_sim.products.inspection.replay import replay
@@ -128,13 +129,16 @@ def hash_(bag: Path, topics: bool) -> int:
 @options.bag()
 @options.folder('folder of the pictures; by default BAG_preview beside the bag', required=False)
 @options.recorded_world()
-def preview(bag: Path, output: Path | None, world: Path | None) -> int:
+@click.option('--maps', type=options.PATH, metavar='DIR', help='folder of `world export '
+              '--orbital`: draw the way over the photo, too, as overview.png')
+def preview(bag: Path, output: Path | None, world: Path | None, maps: Path | None) -> int:
     """Draw pictures of a bag: cameras, their truth, LiDAR, trajectory, attitude, IMU."""
     folder = bag.resolve()
     output = output or folder.with_name(f'{folder.stem}_preview')
     if output.resolve() == folder:
         raise ConfigError(f'--output: {output} is the bag itself; name another folder')
-    for path in draw_preview(bag, output, world):
+    of_site = None if maps is None else OrbitalMap.load(maps)
+    for path in draw_preview(bag, output, world, maps=of_site):
         print(path)
     return 0
 

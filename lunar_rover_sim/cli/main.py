@@ -28,7 +28,7 @@ class Entry(NamedTuple):
 GROUPS = {'bag': 'look into, check, hash, recover and export recordings',
           'calibrate': 'measure a map that a node uses',
           'dataset': 'look at, verify and describe a data set that `campaign` made',
-          'evaluate': 'judge an estimated trajectory, or compare sets of images',
+          'evaluate': 'judge an estimated trajectory, a drive or its maps, or compare sets of images',
           'rover': 'export the rover as an OpenUSD stage or URDF',
           'slam': 'what SLAM programs need: settings files, vocabularies; running them on bags',
           'validate': 'compare a part of the simulator with theory or published results',
@@ -63,6 +63,8 @@ COMMANDS = {
                             'with the manifests; exits with 1 if anything was changed, deleted, '
                             'added or renamed'),
     'demo': Entry('demo:demo', 'record a first drive, check it and draw pictures of it'),
+    'evaluate drive': Entry('evaluate_drive:drive', 'how a rover drove: incidents a kilometre, '
+                            'unknown ground, stops'),
     'evaluate images': Entry('evaluate_images:images',
                              'compare the images of two renderers, cameras or worlds'),
     'evaluate map': Entry('evaluate_map:map_', 'judge the maps of a recorded drive against its '

@@ -21,9 +21,10 @@ from lunar_rover_sim.bag.totals import driven_distance_m
 from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.errors import BagError
 from lunar_rover_sim.base.files.results import save_figure
+from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
 from lunar_rover_sim.image.camera.encoding import eight_bits
 from lunar_rover_sim.image.rendering import layer_pictures
-from lunar_rover_sim.products.inspection.map_pictures import map_figure
+from lunar_rover_sim.products.inspection.map_pictures import map_figure, overview_figure
 from lunar_rover_sim.products.inspection.sensor_pictures import sensor_figure
 from lunar_rover_sim.run.recorded_run import RecordedRun
 
@@ -194,7 +195,8 @@ FRAMES = 4
 
 
 def preview(path: Path | str, output: Path | str, world: Path | str | None = None,
-            progress: Callable[[str], None] | None = None) -> list[Path]:
+            progress: Callable[[str], None] | None = None,
+            maps: OrbitalMap | None = None) -> list[Path]:
     """Write PNG pictures of a bag into the folder `output` and return their paths.
 
     stereo_<n>.png left and right image side by side, disparity and true depth below them;
@@ -202,7 +204,8 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
     and truth of each hazard camera; chase.png; lidar.png; exposure.png where exposure times
     change; sensors.png the numbers of other sensors over time; trajectory.png over
     the hillshade of the world, where its folder is found (`world` names it); attitude.png and
-    imu.png over time; map.png maps with plan and goal.
+    imu.png over time; map.png maps with plan and goal; with `maps`, overview.png, the way over the
+    maps of the site from orbit.
     Pictures of topics that the bag does not hold are left out.
 
     Raises:
@@ -236,6 +239,8 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
                 _trajectory(bag, odometry, world, save)
                 _attitude(odometry, save)
                 map_figure(bag, odometry, save)
+                if maps is not None:
+                    overview_figure(bag, odometry, maps, save)
         if bag.has(topics.IMU_RAW.name):
             _imu(bag, save)
     if not paths:

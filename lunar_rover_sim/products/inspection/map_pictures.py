@@ -1,4 +1,4 @@
-"""Pictures of the maps, plans and goals that a bag holds."""
+"""Pictures of the maps, plans and goals that a bag holds, and of the way over a map from orbit."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 from matplotlib import colormaps
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,10 +16,14 @@ from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.series import Odometry
 from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import BagError
 from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
 
 _SHOWN = 4
 _COLOURS = colormaps['viridis']
+_AROUND, _LEAST_HALF_M = 0.15, 20.0     # of an overview beyond the way: a share of it
+_LABELLED = 12                          # of its craters, the largest
 _UNKNOWN, _LETHAL = (0.13, 0.13, 0.15), (0.93, 0.30, 0.20)
 
 
@@ -102,3 +107,55 @@ def map_figure(bag: Bag, odometry: Odometry, save: Callable[[Figure, str], None]
         axes.set_title(f'{stamp * 1e-9:.1f} s; dark: unknown, red: not to be crossed', fontsize=9)
         axes.legend(loc='upper right', fontsize=8)
     save(figure, 'map.png')
+
+
+def overview_figure(bag: Bag, odometry: Odometry, maps: OrbitalMap,
+                    save: Callable[[Figure, str], None]) -> None:
+    """Draw the way, plans and goals over a map from orbit, as overview.png.
+
+    Raises:
+        BagError: If the rover was nowhere on the map.
+    """
+    way = odometry.positions_m[:, :2]
+    shown = [way]
+    plans, goals = (
+        [read(message) for _, _, message in bag.messages([bag.resolve(topic.name)])]
+        if bag.has(topic.name) else []
+        for topic, read in ((topics.GLOBAL_PLAN, path_of), (topics.GOAL, goal_of)))
+    shown += [plan for plan in plans if len(plan)] + [goal[None] for goal in goals]
+    low, high = (f(np.concatenate(shown), axis=0) for f in (np.min, np.max))
+    west, south, east, north = maps.bounds_m
+    if not ((way >= (west, south)) & (way <= (east, north))).all(axis=1).any():
+        raise BagError(f'{bag.path}: the rover is at x {way[0, 0]:.0f} m, y {way[0, 1]:.0f} m, '
+                       f'and the map from orbit has x of {west:g} to {east:g} m and y of '
+                       f'{south:g} to {north:g} m')
+    middle, half = 0.5 * (low + high), max((0.5 + _AROUND) * float((high - low).max()),
+                                           _LEAST_HALF_M)
+    figure = Figure(figsize=(9, 9), layout='constrained')
+    axes = figure.subplots()
+    if maps.photo.size:
+        pixel, (x, y) = maps.config.photo_pixel_m, maps.photo_first_m
+        rows, columns = maps.photo.shape
+        axes.imshow(maps.photo, cmap='gray', origin='lower', vmin=0, vmax=255,
+                    extent=(x - 0.5 * pixel, x + (columns - 0.5) * pixel,
+                            y - 0.5 * pixel, y + (rows - 0.5) * pixel))
+    else:
+        axes.imshow(maps.heights_m, cmap='gray', origin='lower',
+                    extent=(west, east, south, north))
+    near = np.abs(maps.craters.position_m - middle).max(axis=1, initial=0.0) < half
+    for k in np.flatnonzero(near)[:_LABELLED]:
+        axes.add_patch(Circle(maps.craters.position_m[k], 0.5 * maps.craters.diameter_m[k],
+                              fill=False, color='tab:blue', lw=1.0))
+    for k, plan in enumerate(plans):
+        last = k == len(plans) - 1
+        axes.plot(*plan.T, color='tab:orange', lw=1.5 if last else 0.8,
+                  ls='-' if last else ':', label='plan' if last else None)
+    axes.plot(*way.T, color='tab:red', lw=1.5, label='driven')
+    axes.plot(*way[0], 'o', color='tab:green', ms=6, label='start')
+    for k, goal in enumerate(goals):
+        axes.plot(*goal, '*', color='cyan', ms=12, label=None if k else 'goal')
+    axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half),
+             xlabel='x, east [m]', ylabel='y, north [m]', aspect='equal')
+    axes.set_title('map from orbit; blue: the largest craters of it', fontsize=9)
+    axes.legend(loc='upper right')
+    save(figure, 'overview.png')
