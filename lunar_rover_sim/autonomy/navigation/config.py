@@ -138,6 +138,8 @@ class GlobalPlanConfig(Parameters):
                           'this is planned to over the map from orbit', unit='m', low=1.0)
     ahead_m: float = param(8.0, 'distance along the plan to the place that the local plan leads '
                            'to', unit='m', low=0.5, high=16.0)
+    patience_s: float = param(90.0, 'time without getting nearer along the plan after which it is '
+                              'made anew', unit='s', low=10.0, high=1e5)
     plans: int = param(6, 'plans that are made anew within 10 m, where no way is found along the '
                        'one before, until it gives up', low=0, high=100)
 

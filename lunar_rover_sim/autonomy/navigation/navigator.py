@@ -466,16 +466,17 @@ class Navigator:
         return moved < self._config.stuck_distance_m
 
     def _patience(self, position: Array) -> NavigatorCommand | None:
-        left = (float(np.linalg.norm(self._goals[0] - position[:2])) if self.far is None
-                else self.far.left_m(position))
+        left, patience_s = (
+            (float(np.linalg.norm(self._goals[0] - position[:2])), self._config.patience_s)
+            if self.far is None else (self.far.left_m(position), self._config.far.patience_s))
         if left < self._best_m - _NEARER_M:
             self._best_m, self._best_ns = left, self._now_ns
         if left < self._recovered_m - _RECOVERED_M:
             self._recovered_m, self._recoveries = left, 0
-        if self._now_ns - self._best_ns > self._config.patience_s * 1e9:
+        if self._now_ns - self._best_ns > patience_s * 1e9:
             return self._go_another_way(
                 Failure.BLOCKED, f'not nearer than {self._best_m:.1f} m for '
-                f'{self._config.patience_s:g} s', position)
+                f'{patience_s:g} s', position)
         return None
 
     def _reach(self, position: Array, heading: float) -> NavigatorCommand | None:

@@ -21,8 +21,8 @@ from lunar_rover_sim.base.frames import Array
 
 _FINE = 4                   # cells of the map along a side of one of these
 WALL_COST = 100.0           # of an obstacle, which may have been a wrong match
-_KEPT_M = 16.0              # from the middle of the newest map, in x and in y
-_GOAL_M = 24.0              # from there, as far as ways are looked for
+_KEPT_M = 12.8              # from the middle of the newest map, in x and in y
+_GOAL_M = 20.0              # from there, as far as ways are looked for
 _OPEN, _CLOSED = 1, 2       # unknown: 0
 _FORGOTTEN = 0.5            # share of what the last map knew; if less is known now, it is another
 _DIAGONAL = math.sqrt(2.0)
