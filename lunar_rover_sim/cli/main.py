@@ -28,7 +28,7 @@ class Entry(NamedTuple):
 GROUPS = {'bag': 'look into, check, hash, recover and export recordings',
           'calibrate': 'measure a map that a node uses',
           'dataset': 'look at, verify and describe a data set that `campaign` made',
-          'evaluate': 'judge an estimated trajectory, a drive or its maps, or compare sets of images',
+          'evaluate': 'judge an estimated trajectory, a drive or its maps, or compare images',
           'rover': 'export the rover as an OpenUSD stage or URDF',
           'slam': 'what SLAM programs need: settings files, vocabularies; running them on bags',
           'validate': 'compare a part of the simulator with theory or published results',

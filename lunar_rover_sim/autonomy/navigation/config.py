@@ -134,8 +134,8 @@ class GlobalPlanConfig(Parameters):
                              low=0.0, high=1000.0)
     blocked_cost: float = param(20.0, 'what a cell costs more in which the rover found no way',
                                 low=1.0, high=1e4)
-    from_m: float = param(20.0, 'a goal, or a way point after the one before, that is farther than '
-                          'this is planned to over the map from orbit', unit='m', low=1.0)
+    from_m: float = param(20.0, 'a goal, or a way point after the one before, that is farther '
+                          'than this is planned to over the map from orbit', unit='m', low=1.0)
     ahead_m: float = param(8.0, 'distance along the plan to the place that the local plan leads '
                            'to', unit='m', low=0.5, high=16.0)
     patience_s: float = param(90.0, 'time without getting nearer along the plan after which it is '

@@ -143,7 +143,7 @@ class Navigator:
         self._final: NavigatorCommand | None = None
         self._grid: Traversability | None = None
         self._overview: Overview | None = None
-        self._news: list[Array] = []            # where plans over the map from orbit were made anew
+        self._news: list[Array] = []            # where plans from orbit were made anew
         self._holes: list[Array] = []           # of that map, which were told of
         self._discs: list[Disc] = []
         self._trail: list[Disc] = []
@@ -314,7 +314,7 @@ class Navigator:
     # Far goals
 
     def _plan_far(self, position: Array) -> NavigatorCommand | None:
-        """Plan over the map from orbit where a goal is far; return a command if there is no way."""
+        """Plan over the map from orbit where a goal is far; return a command without a way."""
         self._is_far_known = True
         places = [position[:2], *self._goals]
         if self._costs is None or all(np.linalg.norm(b - a) <= self._config.far.from_m
@@ -669,8 +669,8 @@ class Navigator:
             return None
         if self._overview is None or self._overview.map_cell_m != self._grid.cell_m:
             self._overview = Overview(self._grid.cell_m, 1.0 + config.plan.unknown_cost)
-        planner = Planner(self._without_holes(self._grid, position), config.plan, self._radius_m, position[:2],
-                          (*self._trail, *self._discs), self._overview, config.creep)
+        planner = Planner(self._without_holes(self._grid, position), config.plan, self._radius_m,
+                          position[:2], (*self._trail, *self._discs), self._overview, config.creep)
         self._overview.add(self._grid.origin_m, planner.blocked, planner.unknown, planner.room_m)
         self._planner = planner
         old, target = math.inf, self._target(position)

@@ -179,7 +179,7 @@ def _unknown_m(bag: Bag, stamps: NDArray[np.int64], way: Array, steps: Array) ->
 
 
 def _stops(bag: Bag, end_ns: int) -> tuple[dict[str, int], float, str]:
-    """Return how often the navigator stopped, by what it did; the time it stood; its last words."""
+    """Return how often the navigator stopped, by what it did; how long it stood; the end."""
     if not bag.has(topics.NAVIGATOR_STATUS.name):
         return {}, 0.0, ''
     told = []

@@ -1,4 +1,4 @@
-"""Far goals: a point rover on ground that a map from orbit shows in part, and its sight the rest."""
+"""Far goals: a point rover on ground that a map from orbit shows in part, its sight the rest."""
 
 import numpy as np
 import pytest
@@ -104,7 +104,8 @@ def test_way_points_are_passed_in_their_order():
 
 def test_what_is_seen_from_near_alone_makes_another_plan():
     """A wall that is longer than the rover sees; its ends are 15 m beside the way."""
-    drive = Drive(from_orbit(), (40.0, 0.0), (0.0, 0.6, -15.0, 15.0), far=GlobalPlanConfig(patience_s=30.0))
+    drive = Drive(from_orbit(), (40.0, 0.0), (0.0, 0.6, -15.0, 15.0),
+                  far=GlobalPlanConfig(patience_s=30.0))
     end = drive.drive(600.0)
     assert end.status is Status.ARRIVED, end
     assert len(drive.far) > 1 and drive.way_m < 160.0
