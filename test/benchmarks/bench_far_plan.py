@@ -3,8 +3,8 @@
     python test/benchmarks/bench_far_plan.py
 
 On `baseline`, by the true map of 12.8 m around the rover, after a way of 40 m whose ground is
-known, and by the heights of its levels at 2 m as from orbit, with their errors. The first plan from orbit
-looks at the whole map; each further one is made where the way ahead is reported as blocked.
+known, and by the heights of its levels at 2 m as from orbit, with their errors. The first plan
+from orbit looks at the whole map; each further one is made where the way ahead is blocked.
 """
 
 from __future__ import annotations
