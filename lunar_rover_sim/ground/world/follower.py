@@ -10,6 +10,13 @@ from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
 
 
+# Offsets of the rover from the middle of its window, in steps of the site: from the first on the
+# next window is made ahead; at the second, or a little before, the rover enters it.
+_AHEAD, _CHANGE = 0.4, 0.76
+_FAR_M = 1e9
+_ROOM_M = 3.0     # around the rover, which a window must hold where it is left
+
+
 class Windows(Protocol):
     """The windows of a site, whose middles are multiples of `step_m` in x and in y.
 
@@ -65,16 +72,17 @@ class OneWindow:
 
 
 def site_of(world: World) -> Windows:
-    """Return the site that a world is a window of; one that was made by hand is all of its own."""
+    """Return the site that a world is a window of.
+
+    One that was made by hand is all of its own, and so is one that is too small to hold what is
+    around a rover where windows change.
+    """
     # Here, because only who changes windows needs what builds them.
     from lunar_rover_sim.ground.world.site import Site
-    return Site.of(world)
-
-
-# Offsets of the rover from the middle of its window, in steps of the site: from the first on the
-# next window is made ahead; at the second, or a little before, the rover enters it.
-_AHEAD, _CHANGE = 0.4, 0.76
-_FAR_M = 1e9
+    site = Site.of(world)
+    if world.ground.half_extent_m < _CHANGE * site.step_m + _ROOM_M:
+        return OneWindow(world)
+    return site
 
 
 class Follower:

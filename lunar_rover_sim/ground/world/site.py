@@ -28,7 +28,6 @@ Middle = tuple[float, float]
 STEP_M = 12.8           # of the middles of windows, for cells that divide it
 _MOST_LOADED = 4        # windows in memory; their arrays are mapped
 _LEAVE = 0.75           # steps from the middle of a window at which the next one is taken
-_ROOM_M = 3.0           # around the rover, which a window must hold there, or it is the only one
 
 
 class Site:
@@ -73,8 +72,6 @@ class Site:
                             'the site ends there', config.site_km, config.path, holds)
                 room = holds
         self._most = max(math.floor((room - half) / self.step_m + 1e-9), 0)
-        if half < _LEAVE * self.step_m + _ROOM_M:
-            self._most = 0
         self.half_extent_m = half + self._most * self.step_m
 
     @classmethod
