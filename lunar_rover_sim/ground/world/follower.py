@@ -9,7 +9,6 @@ from typing import Protocol
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
 
-
 # Offsets of the rover from the middle of its window, in steps of the site: from the first on the
 # next window is made ahead; at the second, or a little before, the rover enters it.
 _AHEAD, _CHANGE = 0.4, 0.76
