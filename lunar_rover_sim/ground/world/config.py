@@ -121,6 +121,10 @@ class CraterConfig(Parameters):
 SITES: dict[str, tuple[float, float]] = {
     'surveyor_1': (5.0e5, 2.11), 'surveyor_3': (3.3e6, 2.56), 'surveyor_5': (1.25e6, 2.65),
     'surveyor_6': (1.91e6, 2.51), 'surveyor_7': (7.9e5, 1.82)}
+# Share of angular blocks there. A choice: those on the rim of Tycho, 0.1 Ga old, are fresh; on the
+# old maria many are worn.
+ANGULAR_AT = {'surveyor_1': 0.5, 'surveyor_3': 0.4, 'surveyor_5': 0.4, 'surveyor_6': 0.5,
+              'surveyor_7': 0.85}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,8 +140,8 @@ class RockConfig(Parameters):
 
     gone = {'max_number': 20000}
 
-    site: str = param('', 'number of rocks: as counted at this site (see `rockfield`); empty: '
-                      'abundance and decay_per_m', choices=('', *SITES))
+    site: str = param('', 'number of rocks: as counted at this site (see `rockfield`), and their '
+                      'shapes; empty: abundance, decay_per_m and angular', choices=('', *SITES))
 
     abundance: float = param(0.0125, 'k: area covered by rocks of all sizes; 0: no rocks',
                              low=0.0, high=0.3)
@@ -147,6 +151,8 @@ class RockConfig(Parameters):
     max_per_m2: float = param(8.0, 'greatest number of rocks per m2 of the plain; beyond it the '
                               'smallest are left out', unit='1/m2', low=0.0, high=100.0)
     size_classes: int = param(28, 'number of logarithmic classes of size', low=1, high=64)
+    angular: float = param(0.55, 'share of fresh, angular blocks, the others are old and rounded; '
+                           'a `site` has its own', low=0.0, high=1.0)
     burial: float = param(0.3, 'mean fraction of the height that is below ground', low=0.02,
                           high=0.9)
     near_craters: float = param(4.0, 'density around the rim of a fresh crater, relative to that '

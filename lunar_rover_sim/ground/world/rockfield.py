@@ -18,11 +18,12 @@ import scipy  # its parts when they are used
 
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, product_wxyz
 from lunar_rover_sim.ground.world import block_means, rays, streams
-from lunar_rover_sim.ground.world.config import RockConfig, SITES
+from lunar_rover_sim.ground.world.config import ANGULAR_AT, RockConfig, SITES
 from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.grid import (ALBEDO_STEP, height_step_m, HeightGrid, on_lattice,
                                                part_of, round_to, significant)
 from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
+from lunar_rover_sim.ground.world.shapes import chosen
 from lunar_rover_sim.ground.world.spline import Area
 
 logger = logging.getLogger(__name__)
@@ -91,6 +92,11 @@ def number_per_m2(config: RockConfig, diameter_m: Array) -> Array:
     piece = 0.5 * (density[1:] + density[:-1]) * np.diff(edge)
     above = np.append(np.cumsum(piece[::-1])[::-1], 0.0)
     return np.interp(diameter_m, edge, above)
+
+
+def angular_share(config: RockConfig) -> float:
+    """Return the share of angular blocks among rocks."""
+    return ANGULAR_AT[config.site] if config.site else config.angular
 
 
 def size_classes(config: RockConfig) -> Array:
@@ -216,7 +222,7 @@ def laid(config: RockConfig, ground: Elevation, shapes: tuple[RockShape, ...],
     classes = size_classes(config)
     diameter = classes[rocks.size]
     drawn = streams.uniforms(rocks.key, 'rocks', 3)
-    shape = (drawn[:, 0] * len(shapes)).astype(np.int64)
+    shape = chosen(shapes, angular_share(config), diameter, drawn[:, 0])
     # With this beta distribution most rocks are buried shallowly, and some up to the crown.
     buried = scipy.special.betaincinv(2.4, 2.4 * (1.0 - config.burial) / config.burial,
                                       drawn[:, 1])

@@ -1,4 +1,4 @@
-"""Rocks: their places, and the convex shapes of which they are instances."""
+"""Rocks: their places, and the shapes of which they are instances."""
 
 from __future__ import annotations
 
@@ -17,16 +17,33 @@ def numbered(count: int) -> NDArray[np.uint64]:
 
 @dataclasses.dataclass(frozen=True)
 class RockShape:
-    """A convex, closed triangle mesh of unit size (its largest horizontal diameter is 1).
+    """One or several convex, closed triangle meshes; together their largest diameter is 1.
+
+    They overlap, so that a rock of several pieces has ledges and notches. Its surface is what is
+    outermost. The largest diameter is the horizontal one.
 
     Attributes:
-        vertices: (v, 3) float32, centred on its centroid.
-        faces: (f, 3) int32, counter-clockwise seen from outside.
+        vertices: (v, 3) float32, centred on the centroid of the hull of all pieces.
+        faces: (f, 3) int32, counter-clockwise seen from outside, one piece after the other.
+        pieces: Number of faces of each piece, which shares no vertex with another one; empty where
+            all are one piece.
     """
 
     name: str
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
+    pieces: tuple[int, ...] = ()
+
+    def convex(self) -> tuple[RockShape, ...]:
+        """Return the pieces as shapes of their own, in the axes of this one."""
+        if len(self.pieces) < 2:
+            return self,
+        parts = []
+        for faces in np.split(self.faces, np.cumsum(self.pieces)[:-1]):
+            used, numbers = np.unique(faces, return_inverse=True)
+            parts.append(RockShape(self.name, self.vertices[used],
+                                   numbers.reshape(-1, 3).astype(np.int32)))
+        return tuple(parts)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,3 +90,17 @@ class Rocks:
     def diameter_m(self) -> NDArray[np.float64]:
         """(m,) diameter of each rock [m]: the factor on its unit shape."""
         return self.size_classes_m[self.size]
+
+    def in_pieces(self, shapes: tuple[RockShape, ...]) -> tuple[Rocks, tuple[RockShape, ...],
+                                                                NDArray[np.int64]]:
+        """Return each piece as a rock, the shapes that these index, and (n,) whose it is."""
+        parts = [shape.convex() for shape in shapes]
+        counts = np.array([len(part) for part in parts], np.int64)
+        number = counts[self.shape]
+        owner = np.repeat(np.arange(len(self)), number)
+        within = np.arange(len(owner)) - np.repeat(np.cumsum(number) - number, number)
+        first = np.cumsum(counts) - counts
+        rocks = Rocks((first[self.shape[owner]] + within).astype(np.int32), self.size[owner],
+                      self.position_m[owner], self.orientation_wxyz[owner], self.albedo[owner],
+                      self.size_classes_m, self.key[owner])
+        return rocks, tuple(piece for part in parts for piece in part), owner

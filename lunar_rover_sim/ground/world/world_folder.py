@@ -34,7 +34,7 @@ from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
 FORMAT = 2
 # Version of the way from parameters to a world: raised when the same parameters and seed give
 # another one. It stands in the folder and in the name in the cache.
-RECIPE = 8
+RECIPE = 9
 _MAX_SAMPLES = 8193 ** 2
 _MAX_BYTES_ARRAY = 64_000_000
 _MAX_BYTES_YAML = 1_000_000
@@ -53,6 +53,7 @@ def content_hash(world: World) -> str:
         arrays += [getattr(part, field.name) for field in dataclasses.fields(part)]
     for shape in world.rock_shapes:
         arrays += [shape.vertices, shape.faces]
+        arrays += [np.array(shape.pieces, np.int32)] if shape.pieces else []
     for array in arrays:
         digest.update(f'{array.dtype.str}{array.shape}'.encode())
         digest.update(np.ascontiguousarray(array).data)
@@ -106,6 +107,8 @@ def _write(world: World, folder: pathlib.Path) -> None:
     meshes: dict[str, NDArray] = {'names': np.array([s.name for s in world.rock_shapes], 'U64')}
     for index, shape in enumerate(world.rock_shapes):
         meshes[f'vertices_{index}'], meshes[f'faces_{index}'] = shape.vertices, shape.faces
+        if shape.pieces:
+            meshes[f'pieces_{index}'] = np.array(shape.pieces, np.int32)
     np.savez(folder / 'shapes.npz', **meshes)  # type: ignore[arg-type]
     document = {'format': FORMAT, 'recipe': RECIPE, 'hash': world.hash,
                 'cells_m': [g.cell_m for g in world.levels],
@@ -236,7 +239,11 @@ def _shapes(path: pathlib.Path) -> tuple[RockShape, ...]:
                 or faces.dtype != np.int32 or faces.shape[1:] != (3,) or len(faces) < 4
                 or faces.min() < 0 or faces.max() >= len(vertices)):
             raise WorldError(f'{path}: {name}: not a triangle mesh')
-        shapes.append(RockShape(str(name), vertices, faces))
+        pieces = archive.get(f'pieces_{index}', np.zeros(0, np.int32))
+        if len(pieces) and (pieces.dtype != np.int32 or pieces.ndim != 1 or pieces.min() < 4
+                            or pieces.sum(dtype=np.int64) != len(faces)):
+            raise WorldError(f'{path}: {name}: pieces are not those of the faces')
+        shapes.append(RockShape(str(name), vertices, faces, tuple(pieces.tolist())))
     return tuple(shapes)
 
 

@@ -1,8 +1,9 @@
 """Shadows of rocks, from their silhouettes as the sun sees them.
 
-A rock is convex, so that its silhouette is a convex polygon in the plane perpendicular to the sun
-rays. The signed distance to the edges of the polygon is the distance at which a sun ray passes the
-rock. It is exact, whatever the pitch of the grid that stores the result.
+A rock is convex, or of convex pieces, and the silhouette of a piece is a convex polygon in the
+plane perpendicular to the sun rays. The signed distance to the edges of the polygon is the
+distance at which a sun ray passes the piece. It is exact, whatever the pitch of the grid that
+stores the result.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ _MAX_REACH_M = 40.0
 _FALL = 0.05        # slope of the ground away from the rock that its shadow may follow
 _LIT_RAD = 0.014    # with the sun that far above the horizon ground is lit, that far below dark
 _MARGIN_CELLS = 2
-_OUTLINE_SHARE = 0.8        # of an outline in the rectangle around it
+_OUTLINE_SHARE = 0.68       # of an outline in the rectangle around it: the mean of the library
 _LEAST_WIDTH_CELLS = 0.4    # rocks narrower than this cast no shadow on a coarse grid
 
 
@@ -38,13 +39,15 @@ class Silhouettes:
     """Convex outlines in the plane perpendicular to the sun rays [m]; see `axes`, rows 0 and 1.
 
     Attributes:
+        owner: (m,) index of the rock of which it is the outline, or that of a piece.
         edges: (m, k, 3) unit outward normal and offset; unused ones repeat another.
         centre: (m, 3) in all three axes.
-        half_width: (m,) in the first axis.
-        top: (m,) largest second coordinate.
+        half_width: (m,) of the whole rock in the first axis.
+        top: (m,) its largest second coordinate.
         axes: (3, 3) rows: lateral, upward in the sun's plane, towards the sun.
     """
 
+    owner: NDArray[np.int64]
     edges: F32
     centre: Array
     half_width: Array
@@ -76,7 +79,8 @@ def sun_axes(sun: SunGeometry) -> Array:
 
 
 def silhouettes(rocks: Rocks, shapes: tuple[RockShape, ...], sun: SunGeometry) -> Silhouettes:
-    """Return the outlines of all rocks towards the sun."""
+    """Return the outlines of the pieces of all rocks towards the sun."""
+    rocks, shapes, owner = rocks.in_pieces(shapes)
     axes = sun_axes(sun)
     count = len(rocks)
     rotation = matrix_from_wxyz(rocks.orientation_wxyz) if count else np.zeros((0, 3, 3))
@@ -99,7 +103,12 @@ def silhouettes(rocks: Rocks, shapes: tuple[RockShape, ...], sun: SunGeometry) -
     for members, edges in parts:
         result[members, :edges.shape[1]] = edges
         result[members, edges.shape[1]:] = edges[:, :1]
-    return Silhouettes(result, centre, half_width, top, axes)
+    # Of all pieces of a rock.
+    for values in (half_width, top):
+        whole = np.full(owner[-1] + 1 if count else 0, -np.inf)
+        np.maximum.at(whole, owner, values)
+        values[:] = whole[owner]
+    return Silhouettes(owner, result, centre, half_width, top, axes)
 
 
 def outlines(vertices: Array, faces: NDArray[np.int32]) -> F32:
@@ -188,6 +197,7 @@ def share(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry,
     dark = np.zeros(grid.heights_m.size, np.float32)
     cells_of, shares = [], []
     near = _near(grid, rocks, inner_half_m)
+    near[1:] &= rocks.owner[1:] != rocks.owner[:-1]     # a rectangle is that of the whole rock
     if sun.elevation_rad > 0.0 and np.any(near):
         width = np.float32(grid.cell_m)
         height = np.float32(grid.cell_m * max(np.sin(sun.elevation_rad), 0.02))
@@ -226,7 +236,7 @@ def darken(clearance_m: F32, occluder_m: F32, points_m: Array,
     offset = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     point = order[first[caster] + offset]
     along = rocks.centre[caster, 2] - seen[point, 2]
-    keep = (along > 0.0) & (along < _MAX_REACH_M) & (caster != point) \
+    keep = (along > 0.0) & (along < _MAX_REACH_M) & (rocks.owner[caster] != point) \
         & (seen[point, 1] < rocks.top[caster])
     caster, point, along = caster[keep], point[keep], along[keep].astype(np.float32)
     distance = rocks.distance(caster, *seen[point, :2].T.astype(np.float32))
@@ -259,7 +269,10 @@ def _pairs(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry, chosen: NDArr
     wide = rocks.half_width / abs(heading[major]) + margin_cells * cell
     inside = chosen & (height > 0.0) \
         & (np.abs(position[:, :2]).max(axis=1) < grid.half_extent_m + reach)
-    steps = np.ceil(reach * abs(heading[major]) / cell).astype(int) + 1
+    # Windows begin before the rock, on the side of the sun.
+    before = np.ceil(rocks.half_width / cell).astype(int) + 1
+    steps = np.ceil((reach - rocks.half_width) * abs(heading[major]) / cell).astype(int) + before
+    steps += 1
     columns = np.ceil(2 * wide / cell).astype(int) + margin_cells
     # Rocks with windows of nearly the same size are processed together.
     step_class = np.ceil(np.log2(steps) * 2).astype(int)
@@ -267,8 +280,7 @@ def _pairs(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry, chosen: NDArr
     key = np.where(inside, step_class * 64 + column_class, -1)
     origin = position[:, :2] / cell + 0.5 * (grid.n - 1)
     sign = -1 if heading[major] > 0 else 1
-    first = np.round(origin[:, major]).astype(int) - sign \
-        * (np.ceil(rocks.half_width / cell).astype(int) + 1)
+    first = np.round(origin[:, major]).astype(int) - sign * before
     for k in np.unique(key[inside]):
         group = np.flatnonzero(key == k)
         window = int(steps[group].max()), int(columns[group].max())

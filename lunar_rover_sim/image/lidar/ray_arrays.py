@@ -37,7 +37,7 @@ class LevelArrays(NamedTuple):
 
 
 class RockArrays(NamedTuple):
-    """Rocks as convex hulls.
+    """Rocks as convex hulls, one or several each.
 
     Attributes:
         position_m: (m, 3).
@@ -45,8 +45,9 @@ class RockArrays(NamedTuple):
         R_world_rock: (m, 3, 3).
         diameter_m: (m,).
         shape: (m,).
-        planes: (p, 4) n . x = d of all shapes, of diameter 1.
-        plane_first: (shapes + 1,).
+        planes: (p, 4) n . x = d of all pieces of shapes, of diameter 1.
+        plane_first: (pieces + 1,).
+        piece_first: (shapes + 1,).
     """
 
     position_m: NDArray[np.float64]
@@ -56,6 +57,7 @@ class RockArrays(NamedTuple):
     shape: NDArray[np.int32]
     planes: NDArray[np.float64]
     plane_first: NDArray[np.int64]
+    piece_first: NDArray[np.int64]
 
 
 class SoftArrays(NamedTuple):
@@ -186,18 +188,19 @@ class RockHulls:
 
     def __init__(self, rocks: Rocks, shapes: tuple[RockShape, ...]) -> None:
         self.rocks = rocks
-        self._planes = [_planes(shape) for shape in shapes]
+        self._planes = [[_planes(piece) for piece in shape.convex()] for shape in shapes]
         reach = np.array([np.linalg.norm(s.vertices, axis=1).max() for s in shapes] or [1.0])
         self._R = (matrix_from_wxyz(rocks.orientation_wxyz) if len(rocks)
                    else np.zeros((0, 3, 3)))
         self.radius_m: Array = reach[rocks.shape] * rocks.diameter_m
-        counts = [len(planes) for planes in self._planes]
+        pieces = [planes for shape in self._planes for planes in shape]
         self.arrays = RockArrays(
             position_m=read_only(rocks.position_m, float), radius_m=self.radius_m,
             R_world_rock=np.ascontiguousarray(self._R), diameter_m=rocks.diameter_m,
             shape=read_only(rocks.shape, np.int32),
-            planes=np.concatenate([np.zeros((0, 4)), *self._planes]),
-            plane_first=np.cumsum([0, *counts]))
+            planes=np.concatenate([np.zeros((0, 4)), *pieces]),
+            plane_first=np.cumsum([0, *map(len, pieces)]),
+            piece_first=np.cumsum([0, *map(len, self._planes)]))
 
     def tops(self, rock: int, x_m: Array, y_m: Array, half_m: float) -> Array:
         """Return an upper bound of a rock's height [m] over square cells, NOWHERE_M beside it.
@@ -207,9 +210,13 @@ class RockHulls:
             y_m: (r,) centres of the cells.
             half_m: Half their side; the result is (r, c).
         """
-        rocks, kind = self.rocks, self.rocks.shape[rock]
-        N = self._planes[kind][:, :3] @ self._R[rock].T
-        D = self._planes[kind][:, 3] * rocks.diameter_m[rock] + N @ rocks.position_m[rock]
+        return np.asarray(np.max([self._tops_of(planes, rock, x_m, y_m, half_m)
+                                  for planes in self._planes[self.rocks.shape[rock]]], axis=0))
+
+    def _tops_of(self, planes: Array, rock: int, x_m: Array, y_m: Array, half_m: float) -> Array:
+        rocks = self.rocks
+        N = planes[:, :3] @ self._R[rock].T
+        D = planes[:, 3] * rocks.diameter_m[rock] + N @ rocks.position_m[rock]
         # Over a cell, the part of n . x that x and y can take away at most.
         slack = half_m * np.abs(N[:, :2]).sum(axis=1)
         level = (N[:, 0, None, None] * x_m + N[:, 1, None, None] * y_m[:, None])

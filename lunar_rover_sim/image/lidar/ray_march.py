@@ -207,25 +207,32 @@ def meet_rock(rocks, rock, x, y, z, dx, dy, dz):
     R, size = rocks.R_world_rock[rock], rocks.diameter_m[rock]
     px, py, pz = _turned_back(R, -ax / size, -ay / size, -az / size)
     qx, qy, qz = _turned_back(R, dx, dy, dz)
-    enter, leave, face = -np.inf, np.inf, -1
+    nearest, face = np.inf, -1
     shape, planes = rocks.shape[rock], rocks.planes
-    for p in range(rocks.plane_first[shape], rocks.plane_first[shape + 1]):
-        nx, ny, nz = planes[p, 0], planes[p, 1], planes[p, 2]
-        speed = nx * qx + ny * qy + nz * qz
-        gap = planes[p, 3] - (nx * px + ny * py + nz * pz)      # < 0: outside
-        if speed < 0.0:
-            if gap / speed > enter:
-                enter, face = gap / speed, p
-        elif speed > 0.0:
-            leave = min(leave, gap / speed)
-        elif gap < 0.0:
-            return miss
-        if enter > leave:
-            return miss
-    if enter <= 0.0:
+    for piece in range(rocks.piece_first[shape], rocks.piece_first[shape + 1]):
+        enter, leave, front = -np.inf, np.inf, -1
+        for p in range(rocks.plane_first[piece], rocks.plane_first[piece + 1]):
+            nx, ny, nz = planes[p, 0], planes[p, 1], planes[p, 2]
+            speed = nx * qx + ny * qy + nz * qz
+            gap = planes[p, 3] - (nx * px + ny * py + nz * pz)      # < 0: outside
+            if speed < 0.0:
+                if gap / speed > enter:
+                    enter, front = gap / speed, p
+            elif speed > 0.0:
+                leave = min(leave, gap / speed)
+            elif gap < 0.0:
+                leave = -np.inf
+            if enter > leave:
+                break
+        if enter <= leave:
+            if enter <= 0.0 <= leave:
+                return miss
+            if 0.0 < enter < nearest:
+                nearest, face = enter, front
+    if face < 0:
         return miss
     nx, ny, nz = planes[face, 0], planes[face, 1], planes[face, 2]
-    return (enter * size, R[0, 0] * nx + R[0, 1] * ny + R[0, 2] * nz,
+    return (nearest * size, R[0, 0] * nx + R[0, 1] * ny + R[0, 2] * nz,
             R[1, 0] * nx + R[1, 1] * ny + R[1, 2] * nz, R[2, 0] * nx + R[2, 1] * ny + R[2, 2] * nz)
 
 

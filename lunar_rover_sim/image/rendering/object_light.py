@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.base.workers import Workers
 from lunar_rover_sim.image.illumination.hapke import fill_reflectance
+from lunar_rover_sim.image.lidar.ray_arrays import RockArrays
 from lunar_rover_sim.image.rendering.ground_band import GroundSource
 from lunar_rover_sim.image.rendering.labels import link_label
 from lunar_rover_sim.image.rendering.lamp_rows import add_lamp, lamp_on_objects
@@ -34,6 +35,7 @@ class ObjectSource:
     Attributes:
         ground: What the ground is lit with.
         rocks: As `rock_pass.rock_table`.
+        hulls: Of the same rocks.
         body: Of the rover; None where it is out of view.
         parts: As `RoverPass.parts`.
         links: (links, 4, 4) float32 world poses.
@@ -41,6 +43,7 @@ class ObjectSource:
 
     ground: GroundSource
     rocks: F32
+    hulls: RockArrays
     body: BodyLight | None
     parts: F32
     links: F32
@@ -158,7 +161,7 @@ def _light_rocks(source: ObjectSource, view: ViewNumbers, places: NDArray[np.int
     ground, constants, n = source.ground, source.ground.constants, len(places)
     tile = ground.texels.coarse
     normal, matter = np.empty((3, n), np.float32), np.empty((4, n), np.float32)
-    rock_surface(numbers, at, source.rocks, *tile, constants.towards,
+    rock_surface(numbers, at, source.rocks, source.hulls, *tile, constants.towards,
                  np.array([view.pixel, constants.rough, view.camera[2]], np.float32), normal,
                  matter)
     seen, albedo, around, soil = matter

@@ -18,13 +18,13 @@ _SMOOTH = np.cos(np.radians(32.0))      # between faces that look like a round o
 
 
 def coarse(shape: RockShape, vertices: int) -> RockShape:
-    """Return a simpler shape: the convex hull of a few vertices that are far apart.
+    """Return a simpler, convex shape: the hull of a few vertices that are far apart.
 
     It is scaled to the same mean area of its outline. Over all directions, the mean outline of a
     convex body is a quarter of its surface (Cauchy's formula).
     """
     points = shape.vertices.astype(float)
-    if len(points) <= vertices:
+    if len(points) <= vertices and not shape.pieces:
         return shape
     chosen = [int(np.argmax(np.linalg.norm(points, axis=1)))]
     apart = np.linalg.norm(points - points[chosen[0]], axis=1)
@@ -33,7 +33,7 @@ def coarse(shape: RockShape, vertices: int) -> RockShape:
         apart = np.minimum(apart, np.linalg.norm(points - points[chosen[-1]], axis=1))
     kept = points[chosen]
     faces = _ordered(hull_faces(kept))
-    kept *= np.sqrt(_surface(points, shape.faces) / _surface(kept, faces))
+    kept *= np.sqrt(_outer_surface(shape) / _surface(kept, faces))
     return RockShape(shape.name, kept.astype(np.float32), faces.astype(np.int32))
 
 
@@ -52,7 +52,13 @@ def solid_axes(solid: RockShape, shape: RockShape) -> Array:
     points = shape.vertices.astype(float)
     axes = 0.5 * np.ptp(points, axis=0)
     surface = _surface(solid.vertices * axes, solid.faces)
-    return np.asarray(axes * np.sqrt(_surface(points, shape.faces) / surface))
+    return np.asarray(axes * np.sqrt(_outer_surface(shape) / surface))
+
+
+def _outer_surface(shape: RockShape) -> float:
+    """Return the surface of the hull of a shape."""
+    points = shape.vertices.astype(float)
+    return _surface(points, hull_faces(points) if shape.pieces else shape.faces)
 
 
 def _surface(vertices: Array, faces: NDArray[np.integer[Any]]) -> float:

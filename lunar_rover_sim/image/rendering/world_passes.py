@@ -12,6 +12,7 @@ from lunar_rover_sim.base.frames import Array, sun_direction
 from lunar_rover_sim.base.workers import Workers
 from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.image.illumination.config import SunConfig
+from lunar_rover_sim.image.lidar.ray_arrays import RockHulls
 from lunar_rover_sim.image.rendering.config import RenderConfig
 from lunar_rover_sim.image.rendering.crater_map import CraterLists
 from lunar_rover_sim.image.rendering.drawn_window import DrawnWindow, under_earth
@@ -99,6 +100,7 @@ class WorldPasses(GlOwner):
         self._craters: CraterLists | None = None
         self.rock_table = rock_table(rocks, light.rock_light,
                                      self.world.height_at(rocks.position_m[:, :2]))
+        self._hulls = RockHulls(rocks, self.world.rock_shapes).arrays
         self._light_surface(light)
         self._set_constants()
 
@@ -148,7 +150,7 @@ class WorldPasses(GlOwner):
         ground = GroundSource(self._constants, self._surface.texels,
                               None if self.tracks is None else self.tracks.arrays, light.shadow,
                               lamp)
-        return ObjectSource(ground, self.rock_table, light.body, self.body.parts,
+        return ObjectSource(ground, self.rock_table, self._hulls, light.body, self.body.parts,
                             T_world_links.astype(np.float32))
 
     def make_waiting(self) -> None:

@@ -209,11 +209,12 @@ def write_rocks(path: Path, rocks: Rocks, shapes: tuple[RockShape, ...]) -> None
             known.add(shape.name)
             stage.CreateClassPrim(_SHAPES)
             UsdGeom.Xform.Define(stage, prototype)
-            mesh = add_mesh(stage, prototype.AppendChild('hull'), shape.vertices,
-                            shape.faces).GetPrim()
-            UsdPhysics.CollisionAPI.Apply(mesh)
-            UsdPhysics.MeshCollisionAPI.Apply(mesh).CreateApproximationAttr(
-                UsdPhysics.Tokens.convexHull)
+            for k, piece in enumerate(shape.convex()):
+                mesh = add_mesh(stage, prototype.AppendChild(f'hull_{k}' if k else 'hull'),
+                                piece.vertices, piece.faces).GetPrim()
+                UsdPhysics.CollisionAPI.Apply(mesh)
+                UsdPhysics.MeshCollisionAPI.Apply(mesh).CreateApproximationAttr(
+                    UsdPhysics.Tokens.convexHull)
         rock = UsdGeom.Xform.Define(stage, group.AppendChild(f'rock_{i}')).GetPrim()
         rock.GetReferences().AddInternalReference(prototype)
         rock.SetInstanceable(True)

@@ -150,8 +150,8 @@ def _fill_ground(model: mujoco.MjModel, tiles: list[_Tile]) -> None:
 
 
 def _add_rocks(spec: mujoco.MjSpec, world: World) -> None:
-    """Add the rocks, with one mesh for each shape and size class that occurs."""
-    rocks = world.rocks
+    """Add the rocks, with one mesh for each convex piece and size class that occurs."""
+    rocks, pieces, _ = world.rocks.in_pieces(world.rock_shapes)
     known: set[str] = set()
     # The order of contacts, which their forces depend on, is that of keys in every window.
     for i in np.argsort(rocks.key, kind='stable').tolist():
@@ -159,7 +159,7 @@ def _add_rocks(spec: mujoco.MjSpec, world: World) -> None:
         mesh = f'rock_{shape}_{size}'
         if mesh not in known:
             known.add(mesh)
-            unit = world.rock_shapes[shape]
+            unit = pieces[shape]
             vertices = unit.vertices * np.float32(rocks.size_classes_m[size])
             spec.add_mesh(name=mesh, uservert=vertices.ravel(), userface=unit.faces.ravel())
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh,

@@ -108,31 +108,96 @@ def test_ten_thousand_rocks_find_a_place():
 
 def test_shapes_are_convex_closed_and_of_unit_size():
     library = shapes.library()
-    assert len(library) >= 12
     assert len({shape.name for shape in library}) == len(library)
-    kinds = {shape.name.split('_')[0] for shape in library}
-    assert kinds == {'faceted', 'rounded'}
+    kinds = [shape.name.split('_')[0] for shape in library]
+    assert min(kinds.count(kind) for kind in ('angular', 'rounded')) >= 8
     for shape in library:
-        mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
-        assert mesh.is_watertight and mesh.is_winding_consistent and mesh.is_convex
-        assert 0.1 < mesh.volume < 0.6  # positive: faces look outward
-        assert np.allclose(mesh.center_mass, 0.0, atol=1e-6)
+        pieces = shape.convex()
+        assert sum(len(piece.faces) for piece in pieces) == len(shape.faces)
+        for piece in pieces:
+            mesh = trimesh.Trimesh(piece.vertices, piece.faces, process=False)
+            assert mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0.0
+            # No corner lies before a face: exactly convex.
+            corners = piece.vertices[piece.faces].astype(float)
+            normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+            offset = np.einsum('fi,fi->f', normal, corners[:, 0])
+            assert (piece.vertices.astype(float) @ normal.T - offset).max() < 1e-12
+        # As many triangles as legs and images have time for.
+        assert len(shape.faces) <= 480 and max(len(p.vertices) for p in pieces) <= 128
+        hull = trimesh.Trimesh(shape.vertices, process=False).convex_hull
+        assert 0.05 < hull.volume < 0.5
+        assert np.allclose(hull.center_mass, 0.0, atol=1e-5)
         flat = shape.vertices[:, :2]
         widest = np.linalg.norm(flat[:, None] - flat[None], axis=-1).max()
-        assert widest == pytest.approx(1.0, abs=1e-6)
-        height = np.ptp(shape.vertices[:, 2])
-        assert 0.4 < height < 1.0
-        assert len(shape.vertices) <= 128
+        assert widest == pytest.approx(1.0, abs=4e-6)
+        assert 0.3 < np.ptp(shape.vertices[:, 2]) < 1.1
         assert not shape.vertices.flags.writeable
 
-    # Faceted and rounded differ: the largest face takes a larger part of the surface.
-    def largest(shape):
-        mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
-        facets = mesh.facets_area
-        return max([*facets, mesh.area_faces.max()]) / mesh.area
-    faceted = np.mean([largest(s) for s in library if s.name.startswith('faceted')])
-    rounded = np.mean([largest(s) for s in library if s.name.startswith('rounded')])
-    assert faceted > 2.0 * rounded
+
+def test_pieces_are_one_rock_with_ledges():
+    """They overlap, none is hidden in another, and the rock has notches that its hull has not."""
+    several = [shape for shape in shapes.library() if shape.pieces]
+    assert len(several) >= 6
+    for shape in several:
+        pieces = [trimesh.Trimesh(p.vertices, p.faces) for p in shape.convex()]
+        hull = trimesh.Trimesh(shape.vertices).convex_hull
+        points = np.random.default_rng(1).uniform(*hull.bounds, (40000, 3))
+        points = points[_within(hull, points)]
+        inside = np.array([_within(piece, points) for piece in pieces])
+        assert inside.any(axis=0).mean() < 0.99
+        for k, own in enumerate(inside):
+            others = np.delete(inside, k, axis=0).any(axis=0)
+            assert (own & others).any() and (own & ~others).any()
+
+
+def _within(mesh, points):
+    """Return which points lie in a convex mesh."""
+    distance = np.einsum('fi,fi->f', mesh.face_normals, mesh.triangles[:, 0])
+    return (points @ mesh.face_normals.T <= distance).all(axis=1)
+
+
+def test_fragments_have_the_measured_axes():
+    """The longest diameter a, b across it, c across both: 1 : 0.7 : 0.5 (Fujiwara et al. 1978)."""
+    def longest(points):
+        between = points[:, None] - points
+        length = np.linalg.norm(between, axis=-1)
+        return length.max(), between[np.unravel_index(length.argmax(), length.shape)]
+    ratios = []
+    for shape in shapes.library():
+        points = shape.vertices.astype(float)
+        a, along = longest(points)
+        along /= a
+        b, across = longest(points - np.outer(points @ along, along))
+        ratios.append((b / a, np.ptp(points @ np.cross(along, across / b)) / a))
+    assert np.mean(ratios, axis=0) == pytest.approx((0.71, 0.5), abs=0.06)
+    assert np.all(np.std(ratios, axis=0) > 0.05)
+
+
+def test_angular_shapes_have_sharp_edges():
+    """Share of the surface in faces of more than 3 %: half of angular ones, little of others."""
+    def flat(shape):
+        mesh = trimesh.Trimesh(shape.convex()[0].vertices, shape.convex()[0].faces)
+        normal = np.round(mesh.face_normals * 30.0)     # faces within two degrees are one
+        _, which = np.unique(normal, axis=0, return_inverse=True)
+        area = np.bincount(which.ravel(), mesh.area_faces) / mesh.area
+        return area[area > 0.03].sum()
+    for shape in shapes.library():
+        share = flat(shape)
+        assert share > 0.5 if shape.name.startswith('angular') else share < 0.35
+
+
+@pytest.mark.parametrize('config,share', [({'angular': 0.2}, 0.2), ({'angular': 1.0}, 1.0),
+                                          ({'site': 'surveyor_7', 'angular': 0.1}, 0.85)])
+def test_a_share_of_rocks_is_angular(config, share):
+    """Stones below 12 cm are of one piece; larger ones have all shapes of their kind."""
+    rocks, _ = scatter(**config)
+    names = np.array([LIBRARY[k].name for k in rocks.shape])
+    found = np.mean([name.startswith('angular') for name in names])
+    assert found == pytest.approx(share, abs=4.0 * np.sqrt(0.25 / len(rocks)))
+    several = np.array([len(LIBRARY[k].pieces) > 1 for k in rocks.shape])
+    assert not several[rocks.diameter_m < shapes.LEDGES_M].any()
+    assert 0.15 < several[rocks.diameter_m >= shapes.LEDGES_M].mean() < 0.7
 
 
 def test_albedo_varies_about_one():
@@ -269,8 +334,13 @@ def test_places_are_spread_evenly_up_to_the_border():
 
 def test_shapes_are_taken_at_random_and_albedos_vary_as_told():
     rocks, _ = scatter(albedo_variation=0.08)
-    counts = np.bincount(rocks.shape, minlength=len(LIBRARY))
-    assert len(counts) == len(LIBRARY) and stats.chisquare(counts).pvalue > 1e-4
+    small = rocks.diameter_m < shapes.LEDGES_M
+    for kind in ('angular', 'rounded'):
+        for chosen in (small, ~small):
+            counts = np.bincount(rocks.shape[chosen], minlength=len(LIBRARY))
+            counts = [count for count, shape in zip(counts, LIBRARY) if shape.name.startswith(kind)
+                      and not (shape.pieces and chosen is small)]
+            assert stats.chisquare(counts).pvalue > 1e-4
     assert rocks.albedo.mean() == pytest.approx(1.0, abs=0.01)
     assert rocks.albedo.std() == pytest.approx(0.08, rel=0.08)
     assert np.ptp(scatter(albedo_variation=0.0)[0].albedo) == 0.0

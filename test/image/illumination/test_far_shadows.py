@@ -58,7 +58,7 @@ def test_a_share_adds_up_to_the_rectangle_that_is_shaded(azimuth_deg, elevation_
     from_m = 0.5 - np.array([x, y]) @ s.direction_xy
     behind = away > from_m
     tip_m = outline.top[0] / np.sin(s.elevation_rad)
-    width_m = 2.0 * 0.8 * outline.half_width[0]
+    width_m = 2.0 * 0.68 * outline.half_width[0]
     whole = behind & (away < tip_m - cell_m)
     np.testing.assert_allclose(rows[whole] * cell_m, width_m, atol=0.004)
     length_m = tip_m - (away[behind].min() - 0.5 * cell_m)
@@ -84,7 +84,7 @@ def test_area_of_many_real_shapes_agrees_with_that_of_their_outlines():
     turn = rng.standard_normal((m, 4)) * [0.0, 0.0, 0.0, 1.0] + [1.0, 0.0, 0.0, 0.0]
     turn /= np.linalg.norm(turn, axis=1, keepdims=True)
     xy = (np.stack(np.meshgrid(np.arange(8), np.arange(8)), -1).reshape(-1, 2)[:m] - 3.5) * 12.0
-    rocks = Rocks(rng.integers(0, 16, m).astype(np.int32), size,
+    rocks = Rocks(rng.integers(0, len(shapes), m).astype(np.int32), size,
                   np.column_stack([xy, 0.15 * sizes[size]]), turn, np.ones(m, np.float32), sizes)
     outlines = rock_shadow.silhouettes(rocks, shapes, s)
     coarse = HeightGrid(np.zeros((65, 65), np.float32), 1.6)
@@ -112,8 +112,8 @@ def test_shadows_on_slopes_and_over_the_edge_of_a_grid(azimuth_deg, rise):
     size = (np.arange(m) % 2).astype(np.int32)
     position = np.column_stack([xy, rise * xy @ s.direction_xy + 0.15 * sizes[size]])
     outlines = rock_shadow.silhouettes(Rocks(
-        rng.integers(0, 16, m).astype(np.int32), size, position, turn, np.ones(m, np.float32),
-        sizes), shapes, s)
+        rng.integers(0, len(shapes), m).astype(np.int32), size, position, turn,
+        np.ones(m, np.float32), sizes), shapes, s)
     areas = []
     for n, cell_m in ((41, 1.2), (961, 0.05)):
         axis = (np.arange(n) - 0.5 * (n - 1)) * cell_m
@@ -178,15 +178,20 @@ def some_rocks(count=6, seed=0, spread=2.0, height=0.0):
                  np.array([0.3, 0.8]))
 
 
-def corners(rocks, i):
-    """Return the corners of rock i in the world [m]."""
-    turned = LIBRARY[rocks.shape[i]].vertices @ matrix_from_wxyz(rocks.orientation_wxyz[i]).T
-    return rocks.position_m[i] + rocks.diameter_m[i] * turned
+def pieces(rocks, i):
+    """Return the corners of the pieces of rock i in the world [m]."""
+    R = matrix_from_wxyz(rocks.orientation_wxyz[i])
+    return [rocks.position_m[i] + rocks.diameter_m[i] * piece.vertices @ R.T
+            for piece in LIBRARY[rocks.shape[i]].convex()]
 
 
 def is_hit(points, direction, rock):
-    """Return which rays from (m, 3) points meet a convex rock, by its planes."""
-    planes = ConvexHull(rock).equations
+    """Return which rays from (m, 3) points meet a rock of convex pieces, by their planes."""
+    return np.any([meets(points, direction, piece) for piece in rock], axis=0)
+
+
+def meets(points, direction, piece):
+    planes = ConvexHull(piece).equations
     towards = planes[:, :3] @ direction
     height = points @ planes[:, :3].T + planes[:, 3]
     with np.errstate(divide='ignore'):
@@ -214,17 +219,20 @@ def test_outlines_are_the_convex_hulls_of_the_projected_corners(azimuth_deg, ele
     rocks = some_rocks(24)
     found = rock_shadow.silhouettes(rocks, LIBRARY, sun_from(azimuth_deg, elevation_deg))
     rng = np.random.default_rng(1)
-    for i in range(len(rocks)):
-        flat = corners(rocks, i) @ found.axes.T
+    assert len(found.owner) > len(rocks) and set(found.owner) == set(range(len(rocks)))
+    for k, i in enumerate(found.owner):
+        whole = np.concatenate(pieces(rocks, i)) @ found.axes.T
+        flat = pieces(rocks, i)[k - np.searchsorted(found.owner, i)] @ found.axes.T
         hull = ConvexHull(flat[:, :2])
         points = flat[:, :2].mean(axis=0) + rng.uniform(-0.8, 0.8, (200, 2))
         expected = (points @ hull.equations[:, :2].T + hull.equations[:, 2]).max(axis=1)
-        distance = found.distance(np.full(200, i), *points.T.astype(np.float32))
+        distance = found.distance(np.full(200, k), *points.T.astype(np.float32))
         np.testing.assert_allclose(distance, expected, atol=2e-5)
         centre = rocks.position_m[i] @ found.axes.T
-        np.testing.assert_allclose(found.centre[i], centre, atol=1e-9)
-        assert found.top[i] == pytest.approx(flat[:, 1].max(), abs=1e-6)
-        assert found.half_width[i] == pytest.approx(np.abs(flat[:, 0] - centre[0]).max(), abs=1e-6)
+        np.testing.assert_allclose(found.centre[k], centre, atol=1e-9)
+        assert found.top[k] == pytest.approx(whole[:, 1].max(), abs=1e-6)
+        assert found.half_width[k] == pytest.approx(np.abs(whole[:, 0] - centre[0]).max(),
+                                                    abs=1e-6)
 
 
 @pytest.mark.parametrize('azimuth_deg, elevation_deg', [
@@ -245,7 +253,7 @@ def test_cells_are_dark_where_their_ray_meets_a_rock(azimuth_deg, elevation_deg)
     expected = np.zeros(len(points), bool)
     free = np.ones(len(points), bool)
     for i in range(len(rocks)):
-        expected |= is_hit(points, direction, corners(rocks, i))
+        expected |= is_hit(points, direction, pieces(rocks, i))
         free &= np.linalg.norm(points[:, :2] - rocks.position_m[i, :2], axis=1) > 0.5
     dark = (clearance < 0.0).ravel()
     assert expected[free].sum() > 40
@@ -301,7 +309,7 @@ def test_a_rock_is_darkened_by_the_rocks_before_it_and_not_by_itself(azimuth_deg
         others = np.arange(len(rocks)) != i
         # Only what lies sunward of the point by its centre counts.
         sunward = (rocks.position_m[i] - points) @ outlines.axes[2] > 0.0
-        hit = is_hit(points, outlines.axes[2], corners(rocks, i))
+        hit = is_hit(points, outlines.axes[2], pieces(rocks, i))
         expected |= hit & others & sunward
     assert 5 < expected.sum() < 35
     np.testing.assert_array_equal(clearance < 0.0, expected)

@@ -125,7 +125,8 @@ def test_coarser_levels_follow():
 def test_rock_of_known_planes():
     world = worlds.small(rocks={'abundance': 0.1})
     hulls = RockHulls(world.rocks, world.rock_shapes)
-    rock = np.int32(world.rocks.diameter_m.argmax())
+    single = np.array([not shape.pieces for shape in world.rock_shapes])[world.rocks.shape]
+    rock = np.int32((single * world.rocks.diameter_m).argmax())
     centre = world.rocks.position_m[rock]
     shape = world.rock_shapes[world.rocks.shape[rock]]
     R = matrix_from_wxyz(world.rocks.orientation_wxyz[rock])
@@ -133,7 +134,11 @@ def test_rock_of_known_planes():
     # Rays to the middle of each triangle, from along its normal.
     middle = corners.mean(axis=1)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    area = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal /= area
+    fair = area[:, 0] > 1e-4 * area.sum()       # the normal of a splinter is not told by rays
+    middle, normal = middle[fair], normal[fair]
+    assert len(middle) > 30
     for start, outward in zip(middle + 2.0 * normal, normal):
         distance, *found = ray_march.meet_rock(hulls.arrays, rock, *start, *-outward)
         assert np.isclose(distance, 2.0, atol=1e-6)

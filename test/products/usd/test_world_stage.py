@@ -97,12 +97,16 @@ def test_rocks_are_what_mujoco_collides_with(stage: Usd.Stage, moon: World) -> N
     mujoco.mj_kinematics(model, data)
     geoms = [g for g in range(model.ngeom) if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH]
     rocks = stage.GetPrimAtPath('/World/rocks').GetChildren()
-    assert len(rocks) == len(moon.rocks) == len(geoms) > 10
-    by_key = np.argsort(moon.rocks.key, kind='stable').tolist()     # as MuJoCo has them
-    for geom, rock in zip(geoms[:40], (rocks[k] for k in by_key)):
+    owner = moon.rocks.in_pieces(moon.rock_shapes)[2]
+    assert len(rocks) == len(moon.rocks) > 10 and len(owner) == len(geoms)
+    by_key = np.argsort(moon.rocks.key[owner], kind='stable')       # as MuJoCo has them
+    first = np.searchsorted(owner, owner)
+    for geom, piece in zip(geoms[:40], by_key.tolist()):
+        rock = rocks[owner[piece]]
         assert rock.IsInstance()
-        hull = next(p for p in Usd.PrimRange(rock, Usd.TraverseInstanceProxies())
-                    if p.IsA(UsdGeom.Mesh))
+        hulls = [p for p in Usd.PrimRange(rock, Usd.TraverseInstanceProxies())
+                 if p.IsA(UsdGeom.Mesh)]
+        hull = hulls[piece - first[piece]]
         assert UsdPhysics.MeshCollisionAPI(hull).GetApproximationAttr().Get() == 'convexHull'
         mesh = model.geom_dataid[geom]
         start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
