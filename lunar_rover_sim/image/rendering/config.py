@@ -29,6 +29,9 @@ class DetailConfig(Parameters):
         0.0, 'up to this distance relief below the grid has shape: depth, parallax and occlusion '
         'follow from its heights, less and less in the last fifth; farther away it is light only; '
         '0: nowhere', unit='m', low=0.0, high=2.5)
+    contrast_by_view: bool = param(
+        False, 'contrast and shadows of relief below the grid, where it has no shape, follow rays '
+        'for the direction of the view: few shadows away from the sun, more texture towards it')
     rock_min_px: float = param(0.7, 'rocks that look smaller are not drawn, in samples with '
                                'supersampling', unit='px', low=0.0, high=20.0)
     far_rocks_m: float = param(
