@@ -20,7 +20,7 @@ import time
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).resolve().parents[1] / part) for part in ('.', 'image')]
+sys.path[:0] = [str(Path(__file__).resolve().parents[1] / part) for part in ('benchmarks', '.')]
 
 import camera_scene as scene  # noqa: E402
 

@@ -33,8 +33,9 @@ _PIXELS = 32768         # of a band, about: the arrays of a loop stay in the cac
 _NUMBERS = (
     'depth x y z vx vy vz slope_x slope_y lit albedo below around detail level slope_ax slope_ay '
     'slope_bx slope_by horizon_a horizon_b factor grain shift of_rover cos_i cos_e cos_g theta '
-    'more_c sunlit normal_x normal_y normal_z kept reflectance direct whole lamp lamp_i lamp_g of_lamp print_x '
-    'print_y print_horizon print_seen print_coarse pressed loose beside zero').split()
+    'more_c sunlit normal_x normal_y normal_z kept reflectance direct whole lamp lamp_i lamp_g '
+    'of_lamp print_x print_y print_horizon print_seen print_coarse pressed loose beside '
+    'zero').split()
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """How much contrast and shadow a camera sees in the relief below the grid, by rays.
 
 By mip level of the fine tile, cosine of emission and azimuth between sun and view. Rays are cast
-(relief_rays.py) for a few of each, under the two nearest of some heights of the sun; what lies between is
-interpolated.
+(relief_rays.py) for a few of each, under the two nearest of some heights of the sun; what lies
+between is interpolated.
 """
 
 from __future__ import annotations

@@ -88,9 +88,10 @@ def rover_shadow(depth, x, y, z, view, sun,  # type: ignore[no-untyped-def]
 
 @vectorised
 def shade(depth, x, y, vx, vy, vz, slope_x, slope_y, lit, albedo,  # type: ignore[no-untyped-def]
-          detail, slope_ax, slope_ay, slope_bx, slope_by, horizon_a, horizon_b, factor, grain, shift,
-          of_rover, beside, pressed, loose, sun, centre, scales, least_scales, trodden, has_tracks, by_view,
-          cos_i, cos_e, cos_g, theta, more_c, sunlit, normal_x, normal_y, normal_z, kept):
+          detail, slope_ax, slope_ay, slope_bx, slope_by, horizon_a, horizon_b, factor, grain,
+          shift, of_rover, beside, pressed, loose, sun, centre, scales, least_scales, trodden,
+          has_tracks, by_view, cos_i, cos_e, cos_g, theta, more_c, sunlit, normal_x, normal_y,
+          normal_z, kept):
     """Fill in what the law and truth take of pixels, from all that has been looked up.
 
     Args:
