@@ -11,6 +11,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.kept_arrays import kept
@@ -55,19 +56,16 @@ def seen_relief(tiles: ReliefTiles, ground: hapke.HapkeParameters, albedo: float
     suns = np.log(np.tan(np.radians(_SUNS_DEG)))
     k = int(np.clip(np.searchsorted(suns, math.log(tangent)) - 1, 0, len(suns) - 2))
     share = float(np.clip((math.log(tangent) - suns[k]) / (suns[k + 1] - suns[k]), 0.0, 1.0))
-    rays: list[ReliefRays] = []
 
-    def cast(sun: float) -> Any:
-        if not rays:        # mostly all of it is kept
-            rays.append(ReliefRays(tiles, ground, albedo))
-        return _cast(rays[0], math.exp(sun), tiles.fine.texel_m)
-    found = sum(part * kept('relief_contrast', [_RECIPE, *recipe, deg], lambda sun=sun: cast(sun))
-                for part, sun, deg in ((1.0 - share, suns[k], _SUNS_DEG[k]),
-                                       (share, suns[k + 1], _SUNS_DEG[k + 1])))
+    def under(sun: int) -> Array:
+        return np.asarray(kept('relief_contrast', [_RECIPE, *recipe, _SUNS_DEG[sun]],
+                               lambda: _cast(ReliefRays(tiles, ground, albedo),
+                                             math.exp(suns[sun]), tiles.fine.texel_m)), float)
+    found = (1.0 - share) * under(k) + share * under(k + 1)
     return SeenRelief(*(_between(values, levels, cosines, azimuths_rad) for values in found))
 
 
-def _cast(rays: ReliefRays, tangent: float, texel_m: float) -> Array:
+def _cast(rays: ReliefRays, tangent: float, texel_m: float) -> NDArray[np.float32]:
     """Return (2, levels, cosines, azimuths) of contrast and dark share."""
     found = np.empty((2, len(_LEVELS), len(_COSINES[0]), len(_AZIMUTHS_DEG)), np.float32)
     for i, level in enumerate(_LEVELS):

@@ -70,7 +70,7 @@ class ReliefRays:
         return self._cast(sun_tangent, view, size_m, count, samples, seed)[0].mean(axis=1)
 
     def _cast(self, sun_tangent: float, view: Array, size_m: float, count: int,
-              samples: tuple[int, int], seed: int) -> tuple[Array, Array]:
+              samples: tuple[int, int], seed: int) -> tuple[Array, NDArray[np.bool_]]:
         """Return radiance of all rays, and whether they end in the dark, (count, samples)."""
         rng = np.random.default_rng(seed)
         sun = np.array([1.0, 0.0, sun_tangent]) / math.hypot(1.0, sun_tangent)
