@@ -34,7 +34,7 @@ def light_over_law(by_view):
 
 
 def test_contrast_follows_the_view_and_the_mean_stays():
-    """Away from the sun hardly any shadow is seen, towards it more texture than light alone has."""
+    """Away from the sun hardly any shadow is seen, towards it there is more texture."""
     (towards, away), (now_towards, now_away) = light_over_law(False), light_over_law(True)
     for drawn in (now_towards, now_away):
         assert drawn.mean() == pytest.approx(1.0, abs=0.06)
