@@ -216,14 +216,6 @@ class RecordedRun:
         world = self.world(folder)
         return None if world is None else DrivenSite(world, self.windows)
 
-    def world_at(self, time_s: float | None, folder: Path | str | None = None) -> World | None:
-        """Return the window in which the rover was at a time [s], None: at the end.
-
-        Arguments, errors and what is returned are otherwise those of `world`.
-        """
-        driven = self.driven(folder)
-        return None if driven is None else driven.at(_ns(time_s))
-
     def world_folder(self, folder: Path | str | None = None) -> Path:
         """Return the folder of `world`; WorldError where there is none."""
         found = self._found_world(folder)

@@ -104,10 +104,10 @@ class Overview:
         """
         cells = np.floor(np.asarray(points_m, float).reshape(-1, 2)[:, ::-1]
                          / self.cell_m).astype(int)
-        goal = np.asarray(goal_m, float)[::-1] / self.cell_m
-        off = goal - self._middle
+        place = np.asarray(goal_m, float)[::-1] / self.cell_m
+        off = place - self._middle
         far = _GOAL_M / self.cell_m / max(float(np.linalg.norm(off)), 1e-9)
-        goal = np.floor(self._middle + off * far if far < 1.0 else goal).astype(int)
+        goal = np.floor(self._middle + off * far if far < 1.0 else place).astype(int)
         low, total = self._to_goal(goal, cells)
         off = np.abs(cells - goal)
         free = off.max(axis=1) + (_DIAGONAL - 1.0) * off.min(axis=1)

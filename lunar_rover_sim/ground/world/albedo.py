@@ -90,7 +90,7 @@ def _mean_of_craters(config: WorldConfig, box: Box, first: tuple[int, int], n: i
     field = field_for(box)
     stamping.brighten(field, dataclasses.replace(
         large, position_m=at_middles(large.position_m, field.cell_m)), config.albedo.fresh_crater)
-    x, y = ((f + np.arange(n)) * config.cell_m for f in first)
+    x, y = ((f + np.arange(n, dtype=float)) * config.cell_m for f in first)
     return on_lattice(small + smoothed(field, x, y[:, None]), ALBEDO_STEP)
 
 

@@ -72,7 +72,7 @@ def _far_rocks(world: World, reach_m: float) -> Rocks:
     for shell in sorted(set(shells)):
         found = rockfield.population(
             config, world.config.seed, (x - shell, x + shell, y - shell, y + shell), craters,
-            world.config.clear_radius_m, float(least_diameter_m((max(half, inner), 0.0))))
+            world.config.clear_radius_m, float(least_diameter_m(np.array([max(half, inner), 0.0]))))
         away = np.abs(found.xy_m - (x, y)).max(axis=1)
         diameter = classes[found.size]
         parts.append(found.select((away > half + 0.6 * diameter) & (away >= inner)

@@ -45,7 +45,7 @@ def add_rays(field: Area, craters: Craters, amount: float) -> None:
                                  * strength(craters, i, dx, dy[:, None]))
 
 
-def strength(craters: Craters, i: int, dx: NDArray[np.floating],
+def strength(craters: Craters, i: int | np.integer, dx: NDArray[np.floating],
              dy: NDArray[np.floating]) -> F32:
     """Return the strength of the rays of crater i, about 1 where one begins if it is fresh.
 

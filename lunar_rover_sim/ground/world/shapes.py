@@ -235,7 +235,7 @@ def _rounded(rng: np.random.Generator, lumps: bool, _: bool) -> list[Array]:
     axes, tilt = _axes(rng, False), rng.uniform(-0.35, 0.35, 3)
     body = _worn(rng, rng.uniform(5.0, 11.0), 84)
     pieces = [body]
-    for _ in range(int(rng.integers(1, 4)) if lumps else 0):
+    for _lump in range(int(rng.integers(1, 4)) if lumps else 0):
         upper = body[body[:, 2] > -0.1]
         place = rng.uniform(0.75, 0.9) * upper[int(rng.integers(len(upper)))]
         pieces.append(place + rng.uniform(0.35, 0.5) * _worn(rng, rng.uniform(5.0, 9.0), 48))

@@ -69,8 +69,8 @@ def stamp(ground: Area, craters: Craters, config: CraterConfig,
                       (first[0], first[1]), COARSER * ground.cell_m)
     # Two to four lobes with random phases shape the outline; their power falls with the order.
     drawn = streams.normals(craters.key, 'outline', 6)
-    lobes = (drawn[:, :3] + 1j * drawn[:, 3:]) * (
-        config.irregularity * np.array([0.75, 0.5, 0.43]))
+    lobes = np.asarray((drawn[:, :3] + 1j * drawn[:, 3:])
+                       * (config.irregularity * np.array([0.75, 0.5, 0.43])), np.complex128)
     planes = _planes(coarse, ground.cell_m, craters, config, lobes)
     for i in range(len(craters)):
         _stamp_one(ground, craters, i, config, lobes[i], planes[i])
@@ -84,7 +84,7 @@ def _planes(coarse: Area, cell_m: float, craters: Craters, config: CraterConfig,
     _, band = np.frexp(craters.diameter_m)      # the power of two above it
     bands = np.unique(band[large])[::-1]
     for number in bands:
-        here = np.flatnonzero((band == number) & large)
+        here = np.flatnonzero((band == number) & large).tolist()
         for i in here:
             planes[i] = _plane(coarse, craters, i)
         if number > bands[-1]:

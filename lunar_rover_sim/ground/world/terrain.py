@@ -144,7 +144,8 @@ class Terrain:
         first = [math.floor(p) - margin for p in place]
         heights = self._ground(k, (first[0], first[1]), (n + 2 * margin + 1,) * 2,
                                chain.get(k + 1), least)
-        columns, rows = (p - f - spline.TAPS + np.arange(n) for p, f in zip(place, first))
+        columns, rows = (p - f - spline.TAPS + np.arange(n, dtype=float)
+                         for p, f in zip(place, first))
         return spline.evaluated(spline.coefficients(heights), columns, rows)
 
     def _ground(self, k: int, first: tuple[int, int], shape: tuple[int, int],

@@ -95,6 +95,9 @@ class Source(Protocol):
     def area_m(self) -> tuple[float, float, float, float]:
         """The area covered: x low, x high, y low, y high [m]."""
 
+    def check_window(self, middle_m: tuple[float, float]) -> object:
+        """Raise WorldError if the fine ground around a place is not within, or lacks heights."""
+
     def tile(self, box_m: tuple[float, float, float, float], cell_m: float) -> Tile | None:
         """Return the heights in a box and `PAD_PIXELS` around it; None if there are none.
 

@@ -171,15 +171,15 @@ def evaluate_maps(path: Path, world: Path | None = None, most: int = 40,
             raise EvaluationError(f'{path}: its world is not found; name its folder with --world')
         nodes = run.nodes
         limits = Limits.of(nodes.rover, nodes.mapping.limits)
-        world = found.world
-        surface = TrueSurface(world)
+        window = found.world
+        surface = TrueSurface(window)
         odometry = series.read_odometry(bag)
         stamps = [message.time_ns for message in bag.raw([topics.ELEVATION.name])]
         parts = []
         for stamp in series.spread(stamps, most):
-            if found.at(stamp) is not world:
-                world = found.at(stamp)
-                surface = TrueSurface(world)
+            if found.at(stamp) is not window:
+                window = found.at(stamp)
+                surface = TrueSurface(window)
             cells = _judged(bag, stamp, odometry, surface, limits.step_m)
             if cells is not None:
                 parts.append(cells)

@@ -40,9 +40,9 @@ class Place:
     @property
     def keyframe(self) -> Keyframe:
         """As it was, but for the losses of JPEG."""
-        image, *rest = self.packed
+        image, px, points, descriptors = self.packed
         left = np.asarray(cv2.imdecode(image, cv2.IMREAD_GRAYSCALE), np.uint8)
-        return Keyframe(left, *rest)
+        return Keyframe(left, px, points, descriptors)
 
 
 class Places:

@@ -94,7 +94,7 @@ def _plane(points: Array) -> Array:
     n: Array = np.zeros(3)
     for _ in range(6):
         A = points * weight[:, None]
-        n = np.linalg.lstsq(A, weight, rcond=None)[0]
+        n = np.asarray(np.linalg.lstsq(A, weight, rcond=None)[0], float)
         weight = 1.0 / (1.0 + (np.abs(points @ n - 1.0) / 0.03)**2)
     return n
 
@@ -130,8 +130,8 @@ def _motion(camera: Camera, a: Keyframe, index: NDArray[np.int64], seen_px: Arra
     T, information, used = refined
     R = T[:3, :3]
     # Exp(w, v) T_b_a is T_a_b Exp(-w, -v): the same covariance, in b.
-    covariance = _TOGETHER * np.linalg.inv(information) + np.diag(
-        [_FLOOR_RAD**2] * 3 + [_FLOOR_M**2] * 3)
+    covariance = np.asarray(_TOGETHER * np.linalg.inv(information) + np.diag(
+        [_FLOOR_RAD**2] * 3 + [_FLOOR_M**2] * 3), float)
     T_a_b = se3(R.T, -R.T @ T[:3, 3])
     return Motion(T_a_b, covariance, used, float(np.median(
         np.linalg.norm(seen_px[:, :2] - flow, axis=1))))
