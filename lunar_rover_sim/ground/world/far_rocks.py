@@ -70,9 +70,10 @@ def _far_rocks(world: World, reach_m: float) -> Rocks:
     shells = [min(shell, reach) for shell in (LEAST_DIAMETER_M / _LEAST_ANGLE, reach_m)]
     parts, inner = [], 0.0
     for shell in sorted(set(shells)):
+        least_m = float(least_diameter_m(np.array([max(half, inner), 0.0])))
         found = rockfield.population(
             config, world.config.seed, (x - shell, x + shell, y - shell, y + shell), craters,
-            world.config.clear_radius_m, float(least_diameter_m(np.array([max(half, inner), 0.0]))))
+            world.config.clear_radius_m, least_m)
         away = np.abs(found.xy_m - (x, y)).max(axis=1)
         diameter = classes[found.size]
         parts.append(found.select((away > half + 0.6 * diameter) & (away >= inner)
