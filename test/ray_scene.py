@@ -36,7 +36,8 @@ class RayScene:
                       if body else -1 for body in self.rover.geom_bodyid]
         rocks = self.world.geom_type == mujoco.mjtGeom.mjGEOM_MESH
         # Geoms stand in the order of keys.
-        order = np.append(np.argsort(world.rocks.key, kind='stable'), -1)
+        pieces, _, owner = world.rocks.in_pieces(world.rock_shapes)
+        order = np.append(owner[np.argsort(pieces.key, kind='stable')], -1)
         self._rock = order[np.cumsum(rocks & (self.world.geom_bodyid == 0)) - 1]
 
     def place(self, state):

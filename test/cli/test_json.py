@@ -30,6 +30,9 @@ COMMANDS = {
                                                  'tracked_share', 'poses'}),
     'evaluate map': ('{maps} --world {world}', {'maps', 'rock_m', 'offset_m', 'sun_deg', 'near',
                                                 'by_distance'}),
+    'evaluate drive': ('{maps} --world {world}', {
+        'distance_m', 'duration_s', 'incidents', 'seen_m', 'unknown_m', 'stops', 'standing_s',
+        'plans', 'end'}),
     'slam run': ('{bag} -o {new} --sensor stereo', {'system', 'ate_m', 'estimate_frame',
                                                     'tracked_share', 'reason'}),
     'validate policy': ('smooth --duration 0.4', {'policy', 'tolerance', 'holds', 'terms'}),

@@ -26,7 +26,7 @@ def _ground(source: Any) -> None:
     """Heights are finite and those of the Moon, at fine and at coarse cells."""
     try:
         for half_m, cell_m in ((0.5 * samples.WINDOW_M, samples.CELL_M), (5.0, 0.8)):
-            tile = source.tile(half_m, cell_m)
+            tile = source.tile((-half_m, half_m, -half_m, half_m), cell_m)
             if tile is not None:
                 claim(np.isfinite(tile.heights_m).all(), 'heights are not finite')
                 claim(np.abs(tile.heights_m).max() <= 2e5, 'heights beyond any on the Moon')
@@ -59,7 +59,7 @@ def read_marked(folder: Path, _valid: Path, _file: Path, rng: random.Random) -> 
     source = open_dem(_config(source='dem', path=str(folder), dem={'nodata': 'fill'}))
     try:
         for half_m, cell_m in ((0.5 * samples.WINDOW_M, samples.CELL_M), (8.0, 0.2), (8.0, 0.8)):
-            tile = source.tile(half_m, cell_m)
+            tile = source.tile((-half_m, half_m, -half_m, half_m), cell_m)
             claim(tile is None or np.abs(tile.heights_m).max() < 50.0,
                   'a marker of missing data is ground')
     finally:

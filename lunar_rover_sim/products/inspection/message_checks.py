@@ -29,7 +29,7 @@ from lunar_rover_sim.sensors.registry import sensor_of
 OPTIONAL = tuple(topic.name for topic in (
     *topics.OF_VISION, topics.CMD_VEL, topics.DEPTH_INFO, topics.EXPOSURE, topics.SLAM_STATUS,
     topics.LIDAR_SCANNED, topics.TRAVERSABILITY, topics.NAVIGATOR_STATUS, topics.MISCALIBRATION,
-    topics.WORLD_WINDOW))
+    topics.GLOBAL_PLAN, topics.WORLD_WINDOW))
 _MAX_BYTES = 1 << 20     # of world.yaml
 _VOLUME_M = 1e-5    # sum over all samples that rounding to float32 may leave
 

@@ -152,7 +152,7 @@ def test_all_gl_objects_are_released(monkeypatch, world):
     gc.collect()
     assert len(contexts) == 2
     for context in contexts:
-        assert len(context.objects) > 50
+        assert len(context.objects) > 30
         assert all(isinstance(item, moderngl.InvalidObject) for item in context.objects)
 
 
