@@ -52,7 +52,7 @@ def test_contacts_of_the_belly_are_counted_by_the_height_of_the_rock(clearance_m
     """The chassis is put onto the rock, taken away, and put there again."""
     scenario, world = Scenario.load('flat'), world_with_a_rock()
     around = np.stack(np.meshgrid(np.linspace(0.9, 1.7, 161), np.linspace(-0.4, 0.4, 161)), -1)
-    top_m = float(TrueSurface(world).heights(around.reshape(-1, 2)).max())
+    top_m = float(TrueSurface(world).heights(around.reshape(-1, 2))[0].max())
     with Simulation(world, scenario.rover, scenario.physics_node) as simulation:
         model, data = simulation.model, simulation.data
         belly = Contacts(simulation, clearance_m)
