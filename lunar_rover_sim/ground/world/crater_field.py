@@ -14,11 +14,10 @@ import math
 
 import numpy as np
 
-from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.ground.world import streams
 from lunar_rover_sim.ground.world.config import CraterConfig
-from lunar_rover_sim.ground.world.craters import (Craters, density_per_m2, keep_clear, MAX_CRATERS,
-                                                  populate, POSITION_STEP_M, survivors)
+from lunar_rover_sim.ground.world.craters import (Craters, expected_number, keep_clear, populate,
+                                                  POSITION_STEP_M, survivors)
 from lunar_rover_sim.ground.world.grid import on_lattice
 from lunar_rover_sim.ground.world.tile import below_its_scale, Source
 
@@ -59,7 +58,8 @@ class CraterField:
         """
         if self.config.density == 0.0 or low_m >= min(high_m, self.config.max_diameter_m):
             return Craters.join([])
-        self._refuse_too_many(box, low_m, high_m)
+        # Too many are refused before they are drawn.
+        expected_number(self.config, (box[1] - box[0]) * (box[3] - box[2]), low_m, high_m)
         found = []
         for band, (low, high) in enumerate(zip(self._edges, self._edges[1:])):
             if high <= low_m or low >= high_m:
@@ -72,17 +72,6 @@ class CraterField:
             found.append(survivors(drawn, larger))
         joined = Craters.join(found)
         return joined.select(np.argsort(joined.key, kind='stable'))
-
-    def _refuse_too_many(self, box: Box, low_m: float, high_m: float) -> None:
-        low_m = max(low_m, self.config.min_diameter_m)
-        high_m = min(high_m, self.config.max_diameter_m)
-        expected = ((density_per_m2(self.config, low_m) - density_per_m2(self.config, high_m))
-                    * (box[1] - box[0]) * (box[3] - box[2]))
-        if expected > MAX_CRATERS:
-            raise WorldError(f'world.craters: {expected:.3g} from {low_m:.3g} m to {high_m:.3g} m '
-                             f'are more than {MAX_CRATERS} on one level; raise '
-                             'world.craters.min_diameter_m or lower world.craters.density or '
-                             'world.craters.slope')
 
     def _candidates(self, band: int, box: Box) -> Craters:
         """Return those of a band before younger ones erase some."""

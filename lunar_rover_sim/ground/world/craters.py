@@ -70,13 +70,29 @@ class Craters:
 GEOMETRIC_SATURATION = 1.54  # N(>D) D^2 (Gault, 1970)
 REFERENCE_DIAMETER_M = 10.0
 POSITION_STEP_M = 2.0**-16
-MAX_CRATERS = 500_000       # on one level
+_MAX_CRATERS = 500_000      # on one level
 
 
 def density_per_m2(config: CraterConfig, diameter_m: float) -> float:
     """Return the cumulative number N(>D) per m2 of the power law without an upper limit."""
     d0 = REFERENCE_DIAMETER_M
     return config.density * GEOMETRIC_SATURATION / d0 ** 2 * (diameter_m / d0) ** -config.slope
+
+
+def expected_number(config: CraterConfig, area_m2: float, low_m: float, high_m: float) -> float:
+    """Return how many craters with diameters in [low, high) an area has on average.
+
+    Raises:
+        WorldError: If they are too many.
+    """
+    low_m, high_m = max(low_m, config.min_diameter_m), min(high_m, config.max_diameter_m)
+    expected = (density_per_m2(config, low_m) - density_per_m2(config, high_m)) * area_m2
+    if expected > _MAX_CRATERS:
+        raise WorldError(f'world.craters: {expected:.3g} from {low_m:.3g} m to {high_m:.3g} m are '
+                         f'more than {_MAX_CRATERS} on one level; raise '
+                         'world.craters.min_diameter_m or lower world.craters.density or '
+                         'world.craters.slope')
+    return expected
 
 
 def populate(config: CraterConfig, half_extent_m: float, low_m: float, high_m: float,
@@ -92,13 +108,7 @@ def populate(config: CraterConfig, half_extent_m: float, low_m: float, high_m: f
     low_m, high_m = max(low_m, config.min_diameter_m), min(high_m, config.max_diameter_m)
     if low_m >= high_m or config.density == 0.0:
         return Craters.join([])
-    per_m2 = density_per_m2(config, low_m) - density_per_m2(config, high_m)
-    expected = per_m2 * (2.0 * half_extent_m) ** 2
-    if expected > MAX_CRATERS:
-        raise WorldError(f'world.craters: {expected:.3g} from {low_m:.3g} m to {high_m:.3g} m are '
-                         f'more than {MAX_CRATERS} on one level; raise '
-                         'world.craters.min_diameter_m or lower world.craters.density or '
-                         'world.craters.slope')
+    expected = expected_number(config, (2.0 * half_extent_m) ** 2, low_m, high_m)
     count = rng.poisson(expected)
     u = rng.random(count)
     b = -config.slope
