@@ -2,7 +2,7 @@
 
 Images, camera infos, and the clouds of stereo and ground are in `image_conversions`, LiDAR clouds
 and scans in `lidar_node`, boxes and labels in `image_conversions`, sensors on request in
-`requested_sensors`. The publishers of sun and diagnostics, and slam_node, fill theirs themselves.
+`state_publisher`. The publishers of sun and diagnostics, and slam_node, fill theirs themselves.
 
 Quaternions are wxyz in the core and xyzw in messages. The `fill_` functions write every field that
 they name, so a message object that is made once can be published for every state.

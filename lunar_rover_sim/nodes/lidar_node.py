@@ -28,10 +28,10 @@ from lunar_rover_sim.image.lidar.optics import LidarOptics
 from lunar_rover_sim.image.lidar.scan import PlanarScan
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
-from lunar_rover_sim.nodes.ground_listener import GroundListener
+from lunar_rover_sim.nodes.ground_listener import (GroundListener, load_own_world,
+                                                   refuse_other_worlds, WindowListener)
 from lunar_rover_sim.nodes.image_conversions import cloud
 from lunar_rover_sim.nodes.node_main import TimeJump
-from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds, WindowListener
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.rover.rover_file import load_rover

@@ -18,14 +18,13 @@ from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.moon_place import reported_site
 from lunar_rover_sim.image.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
+from lunar_rover_sim.nodes.ground_listener import load_own_world
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
-from lunar_rover_sim.nodes.own_world import load_own_world
 from lunar_rover_sim.nodes.pacing import Stepping, WallPace
 from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
-from lunar_rover_sim.nodes.requested_sensors import RequestedSensors
-from lunar_rover_sim.nodes.state_publisher import GroundPublisher, StatePublisher
+from lunar_rover_sim.nodes.state_publisher import GroundPublisher, RequestedSensors, StatePublisher
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.rover.rover_file import load_rover

@@ -25,10 +25,10 @@ from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.camera_publisher import (CameraPublisher, EXPOSURE, LabelPublisher,
                                                     Periods)
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
-from lunar_rover_sim.nodes.ground_listener import GroundListener
+from lunar_rover_sim.nodes.ground_listener import (GroundListener, load_own_world,
+                                                   refuse_other_worlds, WindowListener)
 from lunar_rover_sim.nodes.moving_sun import MovingSun
 from lunar_rover_sim.nodes.node_main import TimeJump
-from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds, WindowListener
 from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.state_publisher import publish_frames

@@ -19,8 +19,8 @@ from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.nodes import node_main, qos
+from lunar_rover_sim.nodes.ground_listener import WindowListener
 from lunar_rover_sim.nodes.message_types import message_class
-from lunar_rover_sim.nodes.own_world import WindowListener
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.run.live_page import MapPages
 from lunar_rover_sim.run.live_view import LiveView

@@ -16,7 +16,7 @@ from sensor_msgs.msg import BatteryState, Imu  # noqa: E402
 
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 from lunar_rover_sim.base import frames, topics  # noqa: E402
-from lunar_rover_sim.nodes.requested_sensors import RequestedSensors  # noqa: E402
+from lunar_rover_sim.nodes.state_publisher import RequestedSensors  # noqa: E402
 from lunar_rover_sim.rover.description import Legs, RoverDescription  # noqa: E402
 from lunar_rover_sim.rover.physics.simulation import Simulation  # noqa: E402
 from lunar_rover_sim.rover.physics.state import RoverState  # noqa: E402

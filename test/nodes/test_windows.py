@@ -12,7 +12,7 @@ pytest.importorskip('rclpy')
 from geometry_msgs.msg import PointStamped  # noqa: E402  (needs rclpy)
 
 from lunar_rover_sim.base.errors import WorldError  # noqa: E402
-from lunar_rover_sim.nodes import own_world  # noqa: E402
+from lunar_rover_sim.nodes import ground_listener  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 
 AT = (0.0, 0.0)
@@ -23,9 +23,9 @@ class Told:
 
     def __init__(self, monkeypatch, lockstep):
         self.site = CutSite(AT, half_m=1.6)
-        monkeypatch.setattr(own_world, 'site_of', lambda world: self.site)
+        monkeypatch.setattr(ground_listener, 'site_of', lambda world: self.site)
         node = SimpleNamespace(create_subscription=self._subscribe)
-        self.listener = own_world.WindowListener(node, window((0.0, 0.0), 1.6, AT), lockstep)
+        self.listener = ground_listener.WindowListener(node, window((0.0, 0.0), 1.6, AT), lockstep)
 
     def _subscribe(self, kind, topic, callback, profile):
         assert kind is PointStamped and topic == 'world/window'
