@@ -28,8 +28,8 @@ from lunar_rover_sim.autonomy.learning.gait_task import gait_of
 from lunar_rover_sim.autonomy.learning.policy_file import constant_layers, Policy, save_policy
 from lunar_rover_sim.autonomy.learning.task import RoverTask
 from lunar_rover_sim.autonomy.learning.tasks import make_task
+from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.rover.gait.config import CUSTOM, GaitConfig
-from lunar_rover_sim.rover.rover_file import load_rover
 
 EVALUATED = range(20_000, 20_004)       # seeds that are neither trained on nor hidden
 MOST_STARTS = 64

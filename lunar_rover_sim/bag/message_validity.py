@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-from lunar_rover_sim.base.arguments import brief
+from lunar_rover_sim.base.errors import brief
 from lunar_rover_sim.image.camera.encoding import BAYER8, BAYER16, is_bayer
 
 BYTES_PER_PIXEL = {BAYER8: 1, BAYER16: 2, 'mono8': 1, '8UC1': 1, 'mono16': 2, '16UC1': 2,

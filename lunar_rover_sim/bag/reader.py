@@ -30,9 +30,8 @@ from lunar_rover_sim.bag.messages import header_ns, pose_matrix
 from lunar_rover_sim.bag.qos import qos_of_text
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.base import topics as contract
-from lunar_rover_sim.base.arguments import brief, check_path
 from lunar_rover_sim.base.closing import Closing
-from lunar_rover_sim.base.errors import BagError, one_line
+from lunar_rover_sim.base.errors import BagError, brief, check_path, one_line
 from lunar_rover_sim.base.files.paths import check_regular, recorded_bag
 from lunar_rover_sim.base.files.yaml_text import FAST_LOADER
 from lunar_rover_sim.base.parameters import nearest

@@ -11,7 +11,7 @@ import dataclasses
 import re
 
 from lunar_rover_sim.base import frames
-from lunar_rover_sim.base.named_sets import NAME
+from lunar_rover_sim.base.parameters import NAME
 
 LEG = 'LEG'          # stands for the name of a leg in the topics that each leg has
 

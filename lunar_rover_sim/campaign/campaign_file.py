@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.errors import brief, ConfigError
 from lunar_rover_sim.base.files.paths import find_file
 from lunar_rover_sim.base.files.yaml_text import parse_yaml, read_text
 from lunar_rover_sim.base.parameters import nearest, param, Parameters

@@ -10,8 +10,7 @@ import numpy as np
 import yaml
 
 from lunar_rover_sim import __version__
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import CampaignError
+from lunar_rover_sim.base.errors import brief, CampaignError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import BAG_FOLDER, counted
 from lunar_rover_sim.campaign.croissant import (contents, croissant, DEPTH, IMAGES, IMU, LABELS,

@@ -9,8 +9,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.errors import brief, ConfigError
 from lunar_rover_sim.campaign.campaign_file import (BASE, Campaign, episode_seed, GRID, grid_rows,
                                                     unit_points)
 from lunar_rover_sim.ground.world.config import PROCEDURAL

@@ -12,8 +12,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import CampaignError, one_line
+from lunar_rover_sim.base.errors import brief, CampaignError, one_line
 from lunar_rover_sim.base.files.atomic import atomic_write, sync_folder
 from lunar_rover_sim.base.files.paths import file_hash
 from lunar_rover_sim.base.files.yaml_text import read_text

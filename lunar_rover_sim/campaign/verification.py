@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lunar_rover_sim.bag.content_hash import bag_hash
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import CampaignError, LunarRoverSimError
+from lunar_rover_sim.base.errors import brief, CampaignError, LunarRoverSimError
 from lunar_rover_sim.base.files.paths import BAG_FOLDER, file_hash
 from lunar_rover_sim.campaign.campaign_file import Campaign, parse_campaign
 from lunar_rover_sim.campaign.dataset import failures, mapping_hash

@@ -1,4 +1,4 @@
-"""`lunar_rover_sim evaluate`: an estimated trajectory against the truth."""
+"""`lunar_rover_sim evaluate`: an estimated trajectory, a drive, and its maps against the truth."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.results import json_text
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_json, print_table, say
+from lunar_rover_sim.judge.evaluation.drive_evaluation import evaluate_drive
+from lunar_rover_sim.judge.evaluation.map_evaluation import CELL_M, evaluate_maps, NEAR_M, Rates
 from lunar_rover_sim.judge.evaluation.registration import MODES
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate, Evaluation
 from lunar_rover_sim.judge.evaluation.trajectory_plots import save_plots
@@ -136,3 +138,75 @@ def _say_more(result: Evaluation) -> None:
 
 def _number(value: float, digits: int) -> str:
     return f'{value:.{digits}f}' if value == value else '-'
+
+
+@options.command()
+@options.bag('recording with true odometry')
+@options.world('of the drive, where it is not beside the bag or in the cache', 'FOLDER')
+@options.as_json
+def drive(bag: Path, world: Path | None, as_json: bool) -> int:
+    """Judge how a rover drove: incidents a kilometre, unknown ground, stops.
+
+    Incidents are by kind: tilts beyond 45 deg, roll-overs, contacts of the body with rocks that
+    rise by more than its clearance, and other contacts of its lower side.
+    """
+    result = evaluate_drive(bag, world)
+    if as_json:
+        print_json(result.to_mapping())
+        return 0
+    print_table(('incident', 'times', 'a kilometre'), 1,
+                ((kind, str(count), f'{result.per_km(kind):.1f}')
+                 for kind, count in result.incidents.items()))
+    unknown = '' if result.unknown_m != result.unknown_m else \
+        f', {result.unknown_m:.2f} m of it over ground that its map did not know'
+    say(f'{result.distance_m:.1f} m in {result.duration_s:.0f} s{unknown}')
+    if result.seen_m < 0.99 * result.distance_m:
+        say(f'note: contacts are known of {result.seen_m:.1f} m, where the world is found')
+    if result.end:
+        stops = ', '.join(f'{count} x {kind}' for kind, count in result.stops.items())
+        plans = f'; plans over the map from orbit: {result.plans}' if result.plans else ''
+        say(f'stops: {stops}; stood for {result.standing_s:.0f} s{plans}')
+        say(f'end: {result.end}')
+    return 0
+
+
+@options.command(help=f"""Judge the maps of a recorded drive against its world.
+
+    Prints the error of the elevation and of the flags of rocks in cells of {100 * CELL_M:g} cm, by
+    distance from the rover. A rock counts from the height on that the rover does not cross; a flag
+    beside it counts as one of it.""")
+@options.bag('recording with map/elevation')
+@options.world('of the drive, where it is not beside the bag or in the cache', 'FOLDER')
+@options.bounded('--maps', 1, kind=int, default=40,
+                 help='maps that are judged, spread over the drive')
+@options.folder('folder for map_evaluation.json and a picture', required=False)
+@options.as_json
+def map_(bag: Path, world: Path | None, maps: int, output: Path | None, as_json: bool) -> int:
+    """Judge, print a table, write results."""
+    picture = None if output is None else output / 'map_evaluation.png'
+    if output is not None:
+        output.mkdir(parents=True, exist_ok=True)
+    result = evaluate_maps(bag, world, maps, picture)
+    if output is not None:
+        atomic_write(output / 'map_evaluation.json',
+                     json_text(result.to_mapping()) + '\n', EvaluationError)
+    if as_json:
+        print_json(result.to_mapping())
+        return 0
+    print_table(('distance [m]', 'cells', 'RMS [m]', 'median [m]', 'precision', 'recall'), 1,
+                map(_row, (*result.by_distance, result.near)))
+    say(f'{result.maps} maps, sun at {result.sun_deg:g} deg; the last row is all within '
+        f'{NEAR_M:g} m; rocks count from {result.rock_m:.3f} m on; median error '
+        f'{result.offset_m:+.4f} m; '
+        f'{100.0 * result.beyond_3_sigma:.1f} % of the cells are off by more than 3 of their '
+        'stated deviations')
+    if picture is not None:
+        say(picture)
+    return 0
+
+
+def _row(rates: Rates) -> tuple[str, ...]:
+    def number(value: float, digits: int) -> str:
+        return f'{value:.{digits}f}' if value == value else '-'
+    return (f'{rates.low_m:g} to {rates.high_m:g}', str(rates.cells), number(rates.rms_m, 4),
+            number(rates.median_m, 4), number(rates.precision, 2), number(rates.recall, 2))

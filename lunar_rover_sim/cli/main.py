@@ -63,11 +63,11 @@ COMMANDS = {
                             'with the manifests; exits with 1 if anything was changed, deleted, '
                             'added or renamed'),
     'demo': Entry('demo:demo', 'record a first drive, check it and draw pictures of it'),
-    'evaluate drive': Entry('evaluate_drive:drive', 'how a rover drove: incidents a kilometre, '
+    'evaluate drive': Entry('evaluate:drive', 'how a rover drove: incidents a kilometre, '
                             'unknown ground, stops'),
     'evaluate images': Entry('evaluate_images:images',
                              'compare the images of two renderers, cameras or worlds'),
-    'evaluate map': Entry('evaluate_map:map_', 'judge the maps of a recorded drive against its '
+    'evaluate map': Entry('evaluate:map_', 'judge the maps of a recorded drive against its '
                           'world'),
     'evaluate trajectory': Entry('evaluate:trajectory', 'judge an estimated trajectory against '
                                  'the truth; `evaluate` alone does it'),

@@ -11,7 +11,7 @@ from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import check_file
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.products.usd.names import is_stage, stage_bytes, SUFFIXES
-from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
 from lunar_rover_sim.run.scenario import Scenario

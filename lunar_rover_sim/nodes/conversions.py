@@ -24,8 +24,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Header
 
 from lunar_rover_sim.base import frames
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import GraphError
+from lunar_rover_sim.base.errors import brief, GraphError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.rover.description import Legs

@@ -22,9 +22,8 @@ from lunar_rover_sim.nodes.message_types import name_of
 from lunar_rover_sim.nodes.node_main import GraphNode, TimeJump
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
-from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.description import load_rover, RoverDescription
 from lunar_rover_sim.rover.gait.controller import LegCommand, MAX_COMMAND
-from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import GaitNodeConfig, PolicyNodeConfig
 
 VELOCITIES = name_of(Twist), name_of(TwistStamped)

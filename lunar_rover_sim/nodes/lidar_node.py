@@ -34,7 +34,7 @@ from lunar_rover_sim.nodes.image_conversions import cloud
 from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
-from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.run.node_config import LidarNodeConfig
 
 

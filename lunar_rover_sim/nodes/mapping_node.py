@@ -21,8 +21,8 @@ from lunar_rover_sim.nodes import conversions, map_conversions, node_main, qos
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.pose_source import PoseSource
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
+from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.rover.mounts import lidar_pose
-from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import DEPTH_TOPICS, LIDAR, MappingNodeConfig, STEREO
 
 

@@ -83,10 +83,10 @@ def _written(kind: str) -> tuple[str, str]:
     return name, name
 
 
-# tf2_msgs/msg/TFMessage where tf2_msgs is not installed: PyPI has no such package. To publish a type,
-# rclpy and rmw_fastrtps need its name, its description (REP 2016) and a bound of its size. These are
-# put together here, at run time, of the structures of rosidl that TransformStamped brings along.
-# Messages are published and read serialised only (`run/transforms.py`): nothing here converts one.
+# tf2_msgs/msg/TFMessage where tf2_msgs is not installed: PyPI has no such package. To publish a
+# type, rclpy and rmw_fastrtps need its name, its description (REP 2016) and a bound of its size.
+# These are put together here, at run time, of the structures of rosidl that TransformStamped has
+# with it. Messages are published and read serialised only (`run/transforms.py`).
 _RMW = 'rmw_fastrtps_cpp'
 _FAST_DDS, _INTROSPECTION = b'rosidl_typesupport_fastrtps_c', b'rosidl_typesupport_introspection_c'
 _ELEMENT = 'geometry_msgs/msg/TransformStamped'

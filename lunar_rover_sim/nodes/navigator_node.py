@@ -35,7 +35,7 @@ from lunar_rover_sim.nodes.nav2_action import NavigateToPoseServer, Progress
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.pose_source import PoseSource
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
-from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.run.node_config import NavigatorNodeConfig
 from lunar_rover_sim.run.node_state import NodeState, ON_THE_WAY, tell
 

@@ -11,8 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from lunar_rover_sim.base.errors import ConfigError
-from lunar_rover_sim.base.named_sets import NAME
-from lunar_rover_sim.base.parameters import nearest, ParamInfo
+from lunar_rover_sim.base.parameters import NAME, nearest, ParamInfo
 from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.run.shared_config import NodeConfig
 

@@ -25,9 +25,9 @@ from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.state_publisher import GroundPublisher, RequestedSensors, StatePublisher
+from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.physics.state import RoverState
-from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 from lunar_rover_sim.run.publication import unpublished

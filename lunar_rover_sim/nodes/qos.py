@@ -17,8 +17,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.errors import brief, ConfigError
 from lunar_rover_sim.base.parameters import nearest
 from lunar_rover_sim.base.topics import CHANGING, DEPTH_FRAME, EVENT, FRAME, LATCHED, SCAN, Topic
 

@@ -32,8 +32,8 @@ from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.state_publisher import publish_frames
+from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.rover.pose import RoverPose
-from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 
 # A state between two periods that stays alone for so long is drawn all the same [wall time].

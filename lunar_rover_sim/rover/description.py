@@ -16,14 +16,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 import dataclasses
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.paths import find_file
+from lunar_rover_sim.base.files.yaml_text import read_yaml, yaml_of
 from lunar_rover_sim.base.frames import Array
-from lunar_rover_sim.base.named_sets import Named
-from lunar_rover_sim.base.parameters import group, named, param, Parameters
+from lunar_rover_sim.base.parameters import group, Named, named, param, Parameters
 
 DEFAULT_ROVER = 'quad'
 LEFT, RIGHT = 'left', 'right'
@@ -313,3 +316,25 @@ def leg_inertia(legs: Legs) -> Array:
     # The inertia of a rod about its own axis keeps the matrix positive definite.
     own = 0.5 * legs.mass_kg / legs.spokes * legs.spoke_radius_m ** 2
     return inertia + own * np.eye(3)
+
+
+_MOST_BYTES = 1 << 18
+
+
+def load_rover(path: str | Path | None = None) -> RoverDescription:
+    """Return a rover by its YAML file, or by the name of a packaged one; by default `quad`.
+
+    Raises:
+        ConfigError: If there is none, or if it cannot be read or is not valid.
+    """
+    path = find_file('rover', str(path or DEFAULT_ROVER))
+    content = read_yaml(path, _MOST_BYTES)
+    try:
+        return RoverDescription.from_mapping({} if content is None else content)
+    except ConfigError as error:
+        raise ConfigError(f'{path}: {error}') from None
+
+
+def save_rover(rover: RoverDescription, path: str | Path) -> None:
+    """Write the rover to a YAML file for `load_rover`; raise ConfigError if that fails."""
+    atomic_write(path, yaml_of(rover.to_mapping()), ConfigError)

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError, WorldError
+from lunar_rover_sim.base.errors import brief, ConfigError, WorldError
 from lunar_rover_sim.base.files.paths import user_path
 from lunar_rover_sim.base.parameters import nest
 from lunar_rover_sim.ground.world.config import DEM, WorldConfig

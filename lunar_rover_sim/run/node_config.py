@@ -10,8 +10,7 @@ from lunar_rover_sim.autonomy.path_following.config import DriveConfig
 from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.gravity import MOON_MPS2
-from lunar_rover_sim.base.named_sets import Named
-from lunar_rover_sim.base.parameters import group, named, param, Parameters
+from lunar_rover_sim.base.parameters import group, Named, named, param, Parameters
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.image.camera.cameras import (CameraEntry, chase_camera, hazard_camera,
                                                   stereo_pair)

@@ -15,8 +15,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.errors import brief, ConfigError
 from lunar_rover_sim.base.files.yaml_text import parse_yaml, read_text, yaml_of
 from lunar_rover_sim.base.parameters import merge
 

@@ -20,8 +20,8 @@ from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import BAG_FOLDER, make_new_folder
 from lunar_rover_sim.base.parameters import replaced
+from lunar_rover_sim.rover.description import save_rover
 from lunar_rover_sim.rover.gait.calibration import packaged_calibration
-from lunar_rover_sim.rover.rover_file import save_rover
 from lunar_rover_sim.run.node_config import (DEPTH_TOPICS, FOLLOWS, FRAME_TOPICS, LEG_CONTROLLERS,
                                              LIDAR, LIDAR_TOPICS, NODE_CONFIGS)
 from lunar_rover_sim.run.publication import (is_recorded, period_of, recorded_beside_the_pair,

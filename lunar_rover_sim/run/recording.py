@@ -12,8 +12,8 @@ import time
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.totals import simulated_end_ns
 from lunar_rover_sim.base import topics
-from lunar_rover_sim.base.arguments import brief, check_argument, check_path
-from lunar_rover_sim.base.errors import ConfigError, did_you_mean, GraphError
+from lunar_rover_sim.base.errors import (brief, check_argument, check_path, ConfigError,
+                                         did_you_mean, GraphError)
 from lunar_rover_sim.base.files.paths import BAG_FOLDER, check_new_folder
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.rover.gait.calibration import differences, GaitCalibration, ground_conditions

@@ -17,9 +17,8 @@ import subprocess
 import sys
 import tempfile
 
-from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.closing import Closing
-from lunar_rover_sim.base.errors import ConfigError, GraphError, with_extra
+from lunar_rover_sim.base.errors import brief, ConfigError, GraphError, with_extra
 from lunar_rover_sim.base.files.paths import config_path, lock
 from lunar_rover_sim.run.lockstep import machine_slowness
 

@@ -17,8 +17,8 @@ from pathlib import Path
 import re
 from typing import Any, TYPE_CHECKING
 
-from lunar_rover_sim.base.arguments import brief, check_path
-from lunar_rover_sim.base.errors import ConfigError, full_names, nearest, offered, WorldError
+from lunar_rover_sim.base.errors import (brief, check_path, ConfigError, full_names, nearest,
+                                         offered, WorldError)
 from lunar_rover_sim.base.files.paths import find_file
 from lunar_rover_sim.base.files.yaml_text import parse_yaml, read_yaml, yaml_of
 from lunar_rover_sim.base.parameters import merge, nest, param, Parameters
@@ -27,8 +27,7 @@ from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.world_folder import load_world as load_world_folder
 from lunar_rover_sim.image.lidar.beam_pattern import beam_pattern
-from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.rover.description import load_rover, RoverDescription
 from lunar_rover_sim.run.dated_sun import sun_of_run
 from lunar_rover_sim.run.node_config import (DEFAULT_NODES, DriveNodeConfig, FOLLOWS,
                                              GaitNodeConfig, LEG_CONTROLLERS, LidarNodeConfig,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.base.errors import ConfigError
-from lunar_rover_sim.base.named_sets import Named
-from lunar_rover_sim.base.parameters import group, merge, named, nest, param, Parameters, replaced
+from lunar_rover_sim.base.parameters import (group, merge, Named, named, nest, param, Parameters,
+                                             replaced)
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 
 

@@ -18,7 +18,7 @@ from lunar_rover_sim.autonomy.learning.controller import PolicyController
 from lunar_rover_sim.autonomy.learning.policy_file import Policy
 from lunar_rover_sim.autonomy.learning.senses import Sample
 from lunar_rover_sim.autonomy.learning.tasks import make_task
-from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.rover.description import load_rover
 
 COUNTS, GROUNDS, ROUNDS = (1, 16, 64), ('rigid', 'highland'), 2
 DECISIONS = {'Walk': 640, 'Gait': 64, 'Reach': 64}      # of each round, of all environments

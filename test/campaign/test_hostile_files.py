@@ -10,8 +10,7 @@ from typing import Any
 
 import pytest
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import CampaignError, ConfigError, LunarRoverSimError
+from lunar_rover_sim.base.errors import brief, CampaignError, ConfigError, LunarRoverSimError
 from lunar_rover_sim.base.files.yaml_text import parse_yaml
 from lunar_rover_sim.campaign.campaign_file import parse_campaign
 from lunar_rover_sim.campaign.card import make_card, write_card

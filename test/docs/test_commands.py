@@ -11,7 +11,7 @@ import pytest
 from snippets import commands, ROOT, snippets
 
 from lunar_rover_sim.base.files.paths import packaged_names
-from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.run.node_config import COMPANION_CONFIGS, NODE_CONFIGS
 from lunar_rover_sim.run.scenario import Scenario
 

@@ -14,9 +14,9 @@ import yaml
 from lunar_rover_sim.bag import ground_points
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.files.paths import packaged_names
-from lunar_rover_sim.base.named_sets import NAME
+from lunar_rover_sim.base.parameters import NAME
 from lunar_rover_sim.image.lidar.scan import POINT
-from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.rover.description import load_rover
 
 CONFIG = Path(__file__).parents[2] / 'config'
 # Type → the display of RViz that shows it.

@@ -36,11 +36,11 @@ from lunar_rover_sim.judge.evaluation.trajectory_files import read_kitti, read_t
 from lunar_rover_sim.judge.slam import euroc_reader
 from lunar_rover_sim.judge.slam.table import read_paper
 from lunar_rover_sim.judge.studies.locomotion import read_curve
+from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
 from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.physics.simulation import Simulation
-from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.rover.visual import visual_parts
 from lunar_rover_sim.run.scenario import Scenario

@@ -19,8 +19,8 @@ from lunar_rover_sim.base.frames import inverse, se3  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 from lunar_rover_sim.nodes.map_conversions import traversability_of  # noqa: E402
 from lunar_rover_sim.nodes.qos import reliable  # noqa: E402
+from lunar_rover_sim.rover.description import load_rover  # noqa: E402
 from lunar_rover_sim.rover.mounts import lidar_pose  # noqa: E402
-from lunar_rover_sim.rover.rover_file import load_rover  # noqa: E402
 
 
 def test_clouds_of_a_lidar_become_a_map(peer):

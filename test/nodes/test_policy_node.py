@@ -22,7 +22,7 @@ from lunar_rover_sim.autonomy.learning.tasks import make_task  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.base.errors import LearningError, LunarRoverSimError  # noqa: E402
 from lunar_rover_sim.nodes.policy_node import PolicyNode  # noqa: E402
-from lunar_rover_sim.rover.rover_file import load_rover  # noqa: E402
+from lunar_rover_sim.rover.description import load_rover  # noqa: E402
 from lunar_rover_sim.run.plan import with_policy  # noqa: E402
 from lunar_rover_sim.run.recording import record  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402

@@ -16,7 +16,7 @@ from sensor_msgs.msg import Imu  # noqa: E402
 from lunar_rover_sim.autonomy.navigation.config import SLAM  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 from lunar_rover_sim.nodes.pose_source import PoseSource  # noqa: E402
-from lunar_rover_sim.rover.rover_file import load_rover  # noqa: E402
+from lunar_rover_sim.rover.description import load_rover  # noqa: E402
 from lunar_rover_sim.run.node_config import MappingNodeConfig  # noqa: E402
 
 FRAME_NS = 100_000_000

@@ -18,11 +18,11 @@ from lunar_rover_sim.image.rendering.labels import (class_names, LABEL_ROVER, li
                                                     rover_links)
 from lunar_rover_sim.image.rendering.renderer import Renderer
 from lunar_rover_sim.judge.studies.walking import flat_world, STATE_PERIOD_S, Walk, walk
+from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.mjcf import rover_spec
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.pose import RoverPose
-from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.rover.visual import link_poses, visual_parts
 from lunar_rover_sim.run.scenario import Scenario

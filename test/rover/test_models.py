@@ -11,12 +11,12 @@ import yaml
 from lunar_rover_sim.base import frames
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.paths import config_path
-from lunar_rover_sim.rover.description import (Chassis, ImuMount, Legs, LidarMount, rectangle,
-                                               RoverDescription, StereoMount)
+from lunar_rover_sim.rover.description import (Chassis, ImuMount, Legs, LidarMount, load_rover,
+                                               rectangle, RoverDescription, save_rover,
+                                               StereoMount)
 from lunar_rover_sim.rover.mjcf import IMU_SITE, rover_spec, tip_geom
 from lunar_rover_sim.rover.mounts import (camera_poses, footprint_pose, imu_pose, lidar_pose,
                                           optical_poses)
-from lunar_rover_sim.rover.rover_file import load_rover, save_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.rover.visual import link_poses, visual_parts
 

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.errors import brief, ConfigError
 from lunar_rover_sim.base.parameters import nearest, param, Parameters
 from lunar_rover_sim.ground.regolith.config import GroundConfig, REGOLITH, RIGID
 from lunar_rover_sim.ground.regolith.soil import PRESETS

@@ -20,15 +20,14 @@ from numpy.typing import ArrayLike
 from lunar_rover_sim.autonomy.learning.randomisation import (Conditions, even, GROUNDS, physics_of,
                                                              Randomisation, terrain)
 from lunar_rover_sim.autonomy.learning.senses import Channel, of_legs, Sample, scaled
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError, GroundLeftError, LearningError, PhysicsError
+from lunar_rover_sim.base.errors import (brief, ConfigError, GroundLeftError, LearningError,
+                                         PhysicsError)
 from lunar_rover_sim.base.frames import Array, tilt_deg
 from lunar_rover_sim.base.parameters import group, param, Parameters
 from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.rover.description import DEFAULT_ROVER
+from lunar_rover_sim.rover.description import DEFAULT_ROVER, load_rover
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.physics.state import RoverState
-from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
 
 STATE_HZ = 200          # of the messages of physics_node

@@ -19,8 +19,7 @@ from lunar_rover_sim.autonomy.learning.environment import (as_observed, informat
                                                            observation_space)
 from lunar_rover_sim.autonomy.learning.task import checked_action, Outcome
 from lunar_rover_sim.autonomy.learning.tasks import make_task
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError, LearningError
+from lunar_rover_sim.base.errors import brief, ConfigError, LearningError
 
 
 class RoverVectorEnv(VectorEnv[Any, Any, Any]):

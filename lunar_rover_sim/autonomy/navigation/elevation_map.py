@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lunar_rover_sim.autonomy.navigation.config import MapConfig
-from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.compiled import compiled
-from lunar_rover_sim.base.errors import NavigationError
+from lunar_rover_sim.base.errors import brief, NavigationError
 from lunar_rover_sim.base.frames import Array
 
 F32 = NDArray[np.float32]

@@ -12,9 +12,8 @@ import scipy.ndimage
 
 from lunar_rover_sim.autonomy.navigation.config import GlobalPlanConfig
 from lunar_rover_sim.autonomy.navigation.incremental_search import Cell, IncrementalSearch
-from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.compiled import compiled
-from lunar_rover_sim.base.errors import NavigationError
+from lunar_rover_sim.base.errors import brief, NavigationError
 from lunar_rover_sim.base.frames import Array, distance_along
 from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
 

@@ -22,8 +22,7 @@ from lunar_rover_sim.autonomy.navigation.traversability import LETHAL, Traversab
 from lunar_rover_sim.autonomy.path_following.config import DriveConfig
 from lunar_rover_sim.autonomy.path_following.driver import PurePursuit, Steering
 from lunar_rover_sim.autonomy.path_following.route import Route
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import NavigationError
+from lunar_rover_sim.base.errors import brief, NavigationError
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, path_length, tilt_deg
 from lunar_rover_sim.base.seconds import NS_PER_S
 

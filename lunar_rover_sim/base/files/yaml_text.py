@@ -15,8 +15,7 @@ from typing import Any
 
 import yaml
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError, LunarRoverSimError, one_line
+from lunar_rover_sim.base.errors import brief, ConfigError, LunarRoverSimError, one_line
 from lunar_rover_sim.base.files.paths import check_regular
 
 _MAX_DEPTH = 32

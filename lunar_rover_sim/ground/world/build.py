@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lunar_rover_sim.base.arguments import check_argument
+from lunar_rover_sim.base.errors import check_argument
 from lunar_rover_sim.ground.world import albedo, block_means
 from lunar_rover_sim.ground.world import levels as nest
 from lunar_rover_sim.ground.world import rockfield, shapes

@@ -7,8 +7,7 @@ import pathlib
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import WorldError
+from lunar_rover_sim.base.errors import brief, WorldError
 from lunar_rover_sim.base.files.arrays import map_array
 from lunar_rover_sim.base.files.paths import user_path
 from lunar_rover_sim.base.files.yaml_text import read_yaml

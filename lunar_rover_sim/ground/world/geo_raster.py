@@ -21,8 +21,7 @@ from rasterio.vrt import WarpedVRT
 from rasterio.warp import transform
 from rasterio.windows import Window
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import one_line, WorldError
+from lunar_rover_sim.base.errors import brief, one_line, WorldError
 from lunar_rover_sim.base.files.library_output import stderr_to_log
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world import levels

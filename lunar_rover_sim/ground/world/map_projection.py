@@ -10,8 +10,7 @@ import rasterio
 from rasterio.crs import CRS
 from rasterio.warp import transform
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import WorldError
+from lunar_rover_sim.base.errors import brief, WorldError
 from lunar_rover_sim.base.files.library_output import stderr_to_log
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.model import World

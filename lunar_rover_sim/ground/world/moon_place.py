@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import WorldError
+from lunar_rover_sim.base.errors import brief, WorldError
 from lunar_rover_sim.base.frames import Array
 
 _REPORTED = ('lon_deg', 'lat_deg', 'grid_north_deg')

@@ -18,8 +18,7 @@ import rasterio
 from rasterio.io import MemoryFile
 from rasterio.transform import from_origin
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError, WorldError
+from lunar_rover_sim.base.errors import brief, ConfigError, WorldError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.parameters import param, Parameters

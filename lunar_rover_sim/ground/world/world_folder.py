@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.base.arguments import brief, check_argument, check_path
-from lunar_rover_sim.base.errors import ConfigError, WorldError
+from lunar_rover_sim.base.errors import brief, check_argument, check_path, ConfigError, WorldError
 from lunar_rover_sim.base.files.arrays import map_array, read_archive
 from lunar_rover_sim.base.files.atomic import partial_folder
 from lunar_rover_sim.base.files.yaml_text import read_yaml, yaml_of

@@ -7,8 +7,7 @@ import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.errors import brief, ConfigError
 
 # UTC has had its present form since 1972; the series of the Earth's orbit ends with 2099.
 FIRST = np.datetime64('1972-01-01T00:00:00', 'us')

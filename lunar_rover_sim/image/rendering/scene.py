@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import RenderError
+from lunar_rover_sim.base.errors import brief, RenderError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.parameters import nearest
 from lunar_rover_sim.image.camera.image_geometry import ImageGeometry

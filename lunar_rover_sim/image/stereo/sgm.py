@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import StereoError
+from lunar_rover_sim.base.errors import brief, StereoError
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.image.stereo.config import SgmConfig
 from lunar_rover_sim.image.stereo.depth import DisparityMap

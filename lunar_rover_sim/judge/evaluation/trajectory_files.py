@@ -17,8 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import EvaluationError
+from lunar_rover_sim.base.errors import brief, EvaluationError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import check_regular
 from lunar_rover_sim.base.frames import Array, wxyz_from_matrix

@@ -17,7 +17,7 @@ from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
 from lunar_rover_sim.judge.evaluation.trajectory_files import is_kitti, read_trajectory
-from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.run.recorded_run import RecordedRun, rover_frame
 
 # A trajectory, or where it is: FILE, BAG or BAG:TOPIC.

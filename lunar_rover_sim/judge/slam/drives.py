@@ -16,8 +16,7 @@ from pathlib import Path
 import re
 from typing import Any
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import SlamError
+from lunar_rover_sim.base.errors import brief, SlamError
 from lunar_rover_sim.base.files.results import csv_table
 from lunar_rover_sim.base.files.yaml_text import read_text
 from lunar_rover_sim.judge.slam.run_on_bag import SlamResult

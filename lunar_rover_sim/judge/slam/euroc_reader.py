@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import SlamError
+from lunar_rover_sim.base.errors import brief, SlamError
 from lunar_rover_sim.base.files.images import read_picture
 from lunar_rover_sim.base.files.yaml_text import read_text, read_yaml
 from lunar_rover_sim.base.frames import Array, inverse

@@ -31,13 +31,12 @@ from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.judge.evaluation.statistics import adjusted, Comparison, Mean
 from lunar_rover_sim.judge.studies.study_folder import map_in_processes, StudyFolder
 from lunar_rover_sim.products.inspection.tracking import prediction_miss
-from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.description import load_rover, RoverDescription
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
 from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.gait.controller import GaitController, LegCommand
 from lunar_rover_sim.rover.physics.foot_motion import SlipMeter
 from lunar_rover_sim.rover.physics.simulation import Simulation
-from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
 
 PACKAGED = 'packaged'

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.base import frames
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import StudyError
+from lunar_rover_sim.base.errors import brief, StudyError
 from lunar_rover_sim.base.files.yaml_text import read_text
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.gravity import EARTH_MPS2, MOON_MPS2

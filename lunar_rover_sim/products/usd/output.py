@@ -11,8 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import one_line, UsdError, with_extra
+from lunar_rover_sim.base.errors import brief, one_line, UsdError, with_extra
 from lunar_rover_sim.base.files.atomic import partial_folder
 from lunar_rover_sim.products.usd.names import is_package, is_stage, parts_name, SUFFIXES
 

@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError, GaitError
+from lunar_rover_sim.base.errors import brief, ConfigError, GaitError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import find_file, packaged_names
 from lunar_rover_sim.base.files.yaml_text import read_yaml, yaml_of

@@ -9,8 +9,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError, GaitError
+from lunar_rover_sim.base.errors import brief, ConfigError, GaitError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration, STAND, Stride

@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lunar_rover_sim.base.arguments import brief
-from lunar_rover_sim.base.errors import ConfigError, PhysicsError
+from lunar_rover_sim.base.errors import brief, ConfigError, PhysicsError
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, wxyz_from_matrix
 from lunar_rover_sim.ground.world.follower import Follower
 from lunar_rover_sim.ground.world.grid import HeightGrid

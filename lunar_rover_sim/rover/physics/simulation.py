@@ -12,9 +12,8 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lunar_rover_sim.base.arguments import brief
 from lunar_rover_sim.base.closing import Closing
-from lunar_rover_sim.base.errors import ConfigError, GroundLeftError, one_line, PhysicsError
+from lunar_rover_sim.base.errors import brief, ConfigError, GroundLeftError, one_line, PhysicsError
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, rotated, tilt_deg
 from lunar_rover_sim.ground.regolith.looseness import soil_map
 from lunar_rover_sim.ground.regolith.overlay import Overlay

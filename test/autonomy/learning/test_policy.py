@@ -14,7 +14,7 @@ from lunar_rover_sim.autonomy.learning.senses import Sample
 from lunar_rover_sim.autonomy.learning.tasks import make_task
 from lunar_rover_sim.autonomy.learning.validation import validate_policy
 from lunar_rover_sim.base.errors import GaitError, LearningError
-from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.rover.description import load_rover
 
 onnx = pytest.importorskip('onnx')
 pytest.importorskip('onnxruntime')

@@ -12,7 +12,7 @@ from lunar_rover_sim.autonomy.navigation.planner import Disc, Ground, Planner
 from lunar_rover_sim.autonomy.navigation.traversability import (belly_clearance_m, LETHAL, Limits,
                                                                 Traversability, traversability,
                                                                 UNKNOWN)
-from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.rover.description import load_rover
 
 PLAIN = PlanConfig(near_cost=0.0, rough_cost=0.0)
 HALF_M = 0.1

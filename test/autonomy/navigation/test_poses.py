@@ -6,8 +6,8 @@ import pytest
 from lunar_rover_sim.autonomy.navigation.poses import AnchoredPoses, LevelledWheels
 from lunar_rover_sim.base.frames import (inverse, matrix_from_wxyz, rpy_from_wxyz, se3,
                                          wxyz_from_matrix, wxyz_from_rpy)
+from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.rover.mounts import optical_poses
-from lunar_rover_sim.rover.rover_file import load_rover
 
 
 def pose(x, y, z, roll=0.0, pitch=0.0, yaw=0.0):

@@ -10,7 +10,7 @@ from lunar_rover_sim.autonomy.navigation.navigator import Failure, Navigator, St
 from lunar_rover_sim.autonomy.navigation.traversability import (LETHAL, Limits, traversability,
                                                                 UNKNOWN)
 from lunar_rover_sim.base.frames import matrix_from_wxyz, R_BODY_OPTICAL, se3, wxyz_from_rpy
-from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.rover.description import load_rover
 
 W, H, F = 96, 72, 69.0
 K = np.array([[F, 0.0, 47.5], [0.0, F, 35.5], [0.0, 0.0, 1.0]])
