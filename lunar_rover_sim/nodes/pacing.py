@@ -57,14 +57,22 @@ class Stepping:
 
 
 class ServiceThread:
-    """A service `~/NAME` of a node whose callback may wait."""
+    """A thread beside a node that answers `~/NAME`, where callbacks may wait.
 
-    def __init__(self, node: Node, kind: Any, name: str, callback: Callable[..., Any]) -> None:
+    Args:
+        node: Whose services these are.
+        name: Of the thread's own node, after that of `node`.
+        offer: Makes services and actions on the thread's node; called with it and with what
+            returns the full name of `NAME`. One callback runs at a time.
+    """
+
+    def __init__(self, node: Node, name: str,
+                 offer: Callable[[Node, Callable[[str], str]], None]) -> None:
         # Remaps of the process, its __node above all, are for the node itself.
         self._node = rclpy.create_node(
             f'{node.get_name()}_{name}', namespace=node.get_namespace(),
             use_global_arguments=False, enable_rosout=False, start_parameter_services=False)
-        self._node.create_service(kind, node.resolve_service_name(f'~/{name}'), callback)
+        offer(self._node, lambda own: node.resolve_service_name(f'~/{own}'))
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin, daemon=True)

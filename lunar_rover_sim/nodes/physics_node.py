@@ -88,7 +88,7 @@ class PhysicsNode(node_main.GraphNode):
             self.create_subscription(Header, topics.NAVIGATED.name, self._navigated_callback,
                                      qos.requested(topics.NAVIGATED, config.lockstep))
         self._stepping = Stepping(self.wake_later)
-        self._step_service = simulation_services.offer(self, self)
+        self._step_service = simulation_services.offer(self, self, rover, config.world)
         self.create_service(Trigger, '~/reset', self._reset_callback)
         self.create_service(Trigger, '~/restart', self._restart_callback)
         self.create_service(SetBool, '~/pause', self._pause_callback)

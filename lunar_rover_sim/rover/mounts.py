@@ -40,6 +40,21 @@ def optical_poses(rover: RoverDescription) -> tuple[Array, Array]:
     return left @ turn, right @ turn
 
 
+def bounds_m(rover: RoverDescription) -> tuple[Array, Array]:
+    """Return the lower and the upper corner (3,) [m], base axes, of a box around the rover.
+
+    It holds the chassis, the legs at any joint angle, and the cameras.
+    """
+    chassis, legs = rover.chassis, rover.legs
+    half = 0.5 * np.array([chassis.length_m, chassis.width_m, chassis.height_m])
+    across = max(legs.spoke_radius_m, legs.tip_radius_m)
+    reach = np.array([legs.spoke_length_m, across, legs.spoke_length_m])
+    axles = np.array(legs.axle_positions_m())
+    corners = np.concatenate([[-half, half], axles - reach, axles + reach,
+                              [T[:3, 3] for T in camera_poses(rover)]])
+    return corners.min(axis=0), corners.max(axis=0)
+
+
 def fixed_frames(rover: RoverDescription) -> tuple[tuple[str, str, Array], ...]:
     """Return (parent, child, (4, 4) T_parent_child) of all frames that do not move on base_link.
 
