@@ -75,8 +75,5 @@ class Windows:
         self.asked.append(middle_m)
         return self._windows[middle_m]
 
-    def ahead(self, middle_m: tuple[float, float]) -> None:
-        """Do nothing: it is there."""
-
     def close(self) -> None:
         """Do nothing."""

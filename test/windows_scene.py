@@ -69,7 +69,6 @@ class CutSite:
     """A site of windows around a place, with steps as small as a test wants them.
 
     Attributes:
-        ahead_m: Middles of the windows that were to be made ahead.
         entered_m: Middles of those that were asked for.
     """
 
@@ -77,7 +76,6 @@ class CutSite:
                  reach_m: float = 1e3) -> None:
         self.step_m, self.half_extent_m = step_m, reach_m + half_m
         self._around, self._half_m, self._reach = around, half_m, round(reach_m / step_m)
-        self.ahead_m: list[tuple[float, float]] = []
         self.entered_m: list[tuple[float, float]] = []
 
     def middle(self, xy_m: Sequence[float],
@@ -94,6 +92,5 @@ class CutSite:
         self.entered_m.append(middle_m)
         return window(middle_m, self._half_m, self._around)
 
-    def ahead(self, middle_m: tuple[float, float]) -> None:
-        """Note that a window will be needed."""
-        self.ahead_m.append(middle_m)
+    def close(self) -> None:
+        """Do nothing."""

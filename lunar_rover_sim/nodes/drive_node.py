@@ -12,7 +12,7 @@ from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.seconds import NS_PER_S
-from lunar_rover_sim.ground.world.follower import site_of
+from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.node_main import TimeJump
@@ -30,7 +30,7 @@ class DriveNode(node_main.GraphNode):
         half_extent_m = np.inf
         if config.world:
             # physics_node and render_node verify the files of the world.
-            half_extent_m = site_of(load_world(config.world, verify=False)).half_extent_m
+            half_extent_m = Site.of(load_world(config.world, verify=False)).half_extent_m
         self._driver = Driver(config, half_extent_m)
         self._period_ns = NS_PER_S // config.rate_hz
         self._no_period = self._last_period = 0 if config.lockstep else -1

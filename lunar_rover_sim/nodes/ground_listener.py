@@ -18,8 +18,8 @@ from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError, GraphError
 from lunar_rover_sim.ground.regolith.overlay import GroundChanges, Overlay
-from lunar_rover_sim.ground.world.follower import site_of
 from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.node_main import GraphNode
@@ -64,7 +64,7 @@ class WindowListener:
             lockstep: Whether a window is waited for; otherwise the node goes on in the earlier
                 one until it is there.
         """
-        self._site, self._middle_m = site_of(world), world.ground.middle_m
+        self._site, self._middle_m = Site.of(world), world.ground.middle_m
         self._lockstep = lockstep
         self._waiting: list[tuple[int, tuple[float, float]]] = []   # in the order of stamps
         self._pool = ThreadPoolExecutor(1)

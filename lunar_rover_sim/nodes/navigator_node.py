@@ -26,9 +26,9 @@ from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.errors import NavigationError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.seconds import NS_PER_S
-from lunar_rover_sim.ground.world.follower import site_of
 from lunar_rover_sim.ground.world.orbital_making import orbital_map
 from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig, OrbitalMap
+from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.nodes import conversions, map_conversions, node_main, qos
 from lunar_rover_sim.nodes.nav2_action import NavigateToPoseServer, Progress
@@ -56,7 +56,7 @@ class NavigatorNode(node_main.GraphNode):
         rover = load_rover(config.rover or None)
         half_extent_m, self._costs = None, None
         if config.world:
-            half_extent_m = site_of(load_world(config.world, verify=False)).half_extent_m
+            half_extent_m = Site.of(load_world(config.world, verify=False)).half_extent_m
         if config.world or config.maps:
             self._costs = functools.cache(self._costs_from_orbit)
         radius_m = config.radius_m or Limits.of(rover, TraversabilityConfig()).radius_m

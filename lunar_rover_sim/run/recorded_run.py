@@ -22,8 +22,8 @@ from lunar_rover_sim.base.parameters import merge
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.ground.world.cache import cache_folder
-from lunar_rover_sim.ground.world.follower import site_of
 from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import imu_pose, lidar_pose, optical_poses
@@ -75,7 +75,7 @@ class DrivenSite:
 
     def __init__(self, world: World, windows: Sequence[tuple[int, tuple[float, float]]]) -> None:
         self.world, self.windows = world, windows
-        self._site, self._last = site_of(world), world
+        self._site, self._last = Site.of(world), world
 
     def at(self, time_ns: int | None = None) -> World:
         """Return the window in which the rover was at a time, None: at the end.

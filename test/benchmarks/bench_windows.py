@@ -18,8 +18,8 @@ import time
 
 import numpy as np
 
-from lunar_rover_sim.ground.world.follower import site_of
 from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.image.rendering.renderer import Renderer
 from lunar_rover_sim.image.rendering.snapshot import standing
 from lunar_rover_sim.rover.pose import RoverPose
@@ -74,7 +74,7 @@ def images(seeds: list[int]) -> None:
     for seed in seeds:
         scenario = Scenario.load('site', ['render_node.sensor.exposure_mode=fixed'], seed=seed)
         world = scenario.load_world()
-        site = site_of(world)
+        site = Site.of(world)
         windows = [world, site.window((site.step_m, 0.0))]
         states = [RoverPose(standing(world, 0.5 * site.step_m + x, y, yaw)) for x, y, yaw in (
             (0.0, 0.0, 0.0), (1.5, 2.0, TURN_DEG), (-1.0, -2.0, 3 * TURN_DEG),

@@ -23,7 +23,7 @@ class Told:
 
     def __init__(self, monkeypatch, lockstep):
         self.site = CutSite(AT, half_m=1.6)
-        monkeypatch.setattr(ground_listener, 'site_of', lambda world: self.site)
+        monkeypatch.setattr(ground_listener.Site, 'of', lambda world: self.site)
         node = SimpleNamespace(create_subscription=self._subscribe)
         self.listener = ground_listener.WindowListener(node, window((0.0, 0.0), 1.6, AT), lockstep)
 

@@ -17,7 +17,7 @@ AT = (12.8, 0.0)
 def _driven(monkeypatch):
     """Return a drive from the origin to the east and back, in windows of 12.8 m."""
     site = CutSite(AT, half_m=6.4)
-    monkeypatch.setattr(recorded_run, 'site_of', lambda world: site)
+    monkeypatch.setattr(recorded_run.Site, 'of', lambda world: site)
     return DrivenSite(window((0.0, 0.0), 6.4, AT),
                       [(0, (0.0, 0.0)), (5_000, (12.8, 0.0)), (9_000, (0.0, 0.0))]), site
 
@@ -38,7 +38,7 @@ def test_a_window_is_read_once_while_it_lasts(driven):
 
 def test_a_drive_that_starts_elsewhere_is_there_from_the_first_state_on(monkeypatch):
     site = CutSite(AT, half_m=6.4)
-    monkeypatch.setattr(recorded_run, 'site_of', lambda world: site)
+    monkeypatch.setattr(recorded_run.Site, 'of', lambda world: site)
     driven = DrivenSite(window((0.0, 0.0), 6.4, AT), [(100, (12.8, 0.0))])
     assert driven.at(0).ground.middle_m == (12.8, 0.0)
 

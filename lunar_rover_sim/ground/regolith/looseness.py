@@ -17,7 +17,7 @@ from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.regolith.law import Heights
 from lunar_rover_sim.ground.regolith.soil import PRESETS
 from lunar_rover_sim.ground.world.craters import Craters
-from lunar_rover_sim.ground.world.grid import HeightGrid, window_of
+from lunar_rover_sim.ground.world.grid import HeightGrid, part_of
 from lunar_rover_sim.ground.world.model import World
 
 CELL_M = 0.1
@@ -67,12 +67,12 @@ def soil_map(world: World, variation: float) -> SoilMap:
 
 def _crater_looseness(craters: Craters, grid: HeightGrid) -> Array:
     """Return the (n, n) looseness by craters: the greatest where several overlap."""
-    n, (first_x, first_y) = grid.n, grid.first
-    field = np.zeros((n, n))
+    first_x, first_y = map(round, grid.first)
+    field = np.zeros((grid.n, grid.n))
     for i in np.flatnonzero((craters.age < FRESH) & (craters.diameter_m >= LEAST_DIAMETER_M)):
         radius = 0.5 * craters.diameter_m[i] / CELL_M
         x, y = craters.position_m[i] / CELL_M
-        window = window_of(x - first_x, y - first_y, REACH * radius, n)
+        window = part_of(x, y, REACH * radius, (first_x, first_y), field.shape)
         if window is None:
             continue
         # Places on the lattice of the site, so that all windows have the same bits.

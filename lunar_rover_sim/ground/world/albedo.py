@@ -16,14 +16,13 @@ import scipy  # its parts when they are used
 
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world import levels as nest
-from lunar_rover_sim.ground.world import spline, stamping, streams
+from lunar_rover_sim.ground.world import spline, streams
 from lunar_rover_sim.ground.world.block_means import at_middles, field_for, smoothed
 from lunar_rover_sim.ground.world.config import AlbedoConfig, CraterConfig, WorldConfig
-from lunar_rover_sim.ground.world.crater_field import Box
 from lunar_rover_sim.ground.world.craters import Craters, density_per_m2
 from lunar_rover_sim.ground.world.grid import ALBEDO_STEP, on_lattice, round_to
 from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.ground.world.rays import add_rays
+from lunar_rover_sim.ground.world.rays import add_rays, brighten
 from lunar_rover_sim.ground.world.relief import smoothstep
 from lunar_rover_sim.ground.world.spline import Area
 
@@ -45,52 +44,54 @@ _RAY = 0.5              # brightness of rays relative to the crater's surroundin
 BLOCK_CRATER_M = 4.8
 
 
-def fine_albedo(config: WorldConfig, middle_m: tuple[float, float], craters: Craters) -> F32:
-    """Return the albedo factor on the (n, n) samples of the fine ground.
+def fine_change(config: WorldConfig, first: tuple[int, int], shape: tuple[int, int],
+                craters: Craters) -> F32:
+    """Return by how much the albedo factor differs from 1 on a rectangle of the fine ground.
 
-    Its mean is 1 over blocks of 51.2 m, by construction; at the border of the window it is 1.
+    Its mean is 0 over blocks of 51.2 m, by construction.
 
     Args:
-        middle_m: Of the window.
-        craters: All that reach `block_means.field_for` the window, and all smaller than
-            `BLOCK_CRATER_M` that reach the window.
+        first: Column and row at which it begins.
+        shape: Its rows and columns.
+        craters: All that reach `block_means.field_for` it, and all smaller than `BLOCK_CRATER_M`
+            that reach it.
     """
-    n, cell = config.samples, config.cell_m
-    first = (round(middle_m[0] / cell) - n // 2, round(middle_m[1] / cell) - n // 2)
-    change = np.zeros((n, n), np.float32)
+    cell = config.cell_m
+    change = np.zeros(shape, np.float32)
     if config.albedo.variation > 0.0:
         for wavelength, part in _FINE:
             change += np.float32(config.albedo.variation * part) * _patches(
-                config.seed, wavelength, first, n, cell)
+                config.seed, wavelength, first, shape, cell)
     if config.albedo.grain > 0.0:
         # Uniform, not normal: exact on every machine, and of the same RMS.
-        grain = streams.blocks(config.seed, 'grain', first, (n, n))
+        grain = streams.blocks(config.seed, 'grain', first, shape)
         grain -= np.float32(0.5)
         grain *= np.float32(config.albedo.grain * math.sqrt(12.0))
         change += grain
     if config.albedo.fresh_crater > 0.0:
-        stamping.brighten(Area(change, first, cell), craters, config.albedo.fresh_crater)
-        half = 0.5 * (n - 1) * cell
-        (x, y) = middle_m
-        change -= _mean_of_craters(config, (x - half, x + half, y - half, y + half), first, n,
-                                   craters).astype(np.float32)
-    edge = nest.fade(n)
-    change *= edge[:, None] * edge
-    albedo = np.clip(1.0 + change, 0.4, 1.8, dtype=np.float32)
+        brighten(Area(change, first, cell), craters, config.albedo.fresh_crater)
+        change -= _mean_of_craters(config, first, shape, craters).astype(np.float32)
+    return change
+
+
+def fine_albedo(change: F32) -> F32:
+    """Return the albedo factor of a window, which is 1 at its border, from (n, n) changes."""
+    edge = nest.fade(len(change))
+    albedo = np.clip(1.0 + change * (edge[:, None] * edge), 0.4, 1.8, dtype=np.float32)
     round_to(albedo, ALBEDO_STEP)
     albedo.setflags(write=False)
     return albedo
 
 
-def _mean_of_craters(config: WorldConfig, box: Box, first: tuple[int, int], n: int,
+def _mean_of_craters(config: WorldConfig, first: tuple[int, int], shape: tuple[int, int],
                      craters: Craters) -> Array:
     """Return the mean brightness that fresh craters add around each sample."""
     small = _mean_of_small(config.craters, config.albedo, 6.0 * config.cell_m)
     large = craters.select(craters.diameter_m >= BLOCK_CRATER_M)
-    field = field_for(box)
-    stamping.brighten(field, dataclasses.replace(
+    field = field_for(spline.box_of(first, shape, config.cell_m))
+    brighten(field, dataclasses.replace(
         large, position_m=at_middles(large.position_m, field.cell_m)), config.albedo.fresh_crater)
-    x, y = ((f + np.arange(n, dtype=float)) * config.cell_m for f in first)
+    x, y = ((f + np.arange(n, dtype=float)) * config.cell_m for f, n in zip(first, shape[::-1]))
     return on_lattice(small + smoothed(field, x, y[:, None]), ALBEDO_STEP)
 
 
@@ -126,14 +127,14 @@ def far_albedo(world: World, k: int) -> F32:
         for wavelength, part in _FAR:
             if wavelength >= _CELLS * grid.cell_m:
                 change += np.float32(config.variation * part) * _patches(
-                    world.config.seed, wavelength, (first[0], first[1]), grid.n, grid.cell_m)
+                    world.config.seed, wavelength, (first[0], first[1]), change.shape, grid.cell_m)
     if config.fresh_crater > 0.0:
         # Counted from the first sample.
         corner = np.asarray(grid.middle_m) - 0.5 * (grid.n - 1) * grid.cell_m
         craters = dataclasses.replace(world.craters,
                                       position_m=world.craters.position_m - corner)
         field = Area(change, (0, 0), grid.cell_m)
-        stamping.brighten(field, craters, config.fresh_crater)
+        brighten(field, craters, config.fresh_crater)
         add_rays(field, craters, _RAY * config.fresh_crater)
     axis = np.abs(np.arange(grid.n) - 0.5 * (grid.n - 1)) * grid.cell_m
     away = np.maximum(axis[:, None], axis) - world.ground.half_extent_m
@@ -141,11 +142,11 @@ def far_albedo(world: World, k: int) -> F32:
     return np.clip(np.float32(1.0) + change, 0.4, 1.8)
 
 
-def _patches(seed: int, wavelength_m: float, first: tuple[float, float], n: int,
+def _patches(seed: int, wavelength_m: float, first: tuple[float, float], shape: tuple[int, ...],
              cell_m: float) -> F32:
-    """Return one wavelength's variation of RMS 1 and mean 0 on (n, n) samples of a lattice."""
+    """Return one wavelength's variation of RMS 1 and mean 0 on a rectangle of a lattice."""
     pitch = _PITCH * wavelength_m
-    places = [(f + np.arange(n)) * cell_m / pitch for f in first]
+    places = [(f + np.arange(n)) * cell_m / pitch for f, n in zip(first, shape[::-1])]
     begin = [math.floor(place[0]) - 1 - _TAPS for place in places]
     count = [math.floor(place[-1]) + 3 + _TAPS - b for place, b in zip(places, begin)]
     noise = streams.blocks(seed, f'albedo {wavelength_m:g} m', (begin[0], begin[1]),

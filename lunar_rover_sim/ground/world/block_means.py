@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.ground.world.grid import Box
 from lunar_rover_sim.ground.world.spline import Area
 
 BLOCK_M = 51.2          # one block has its middle at the origin
@@ -13,7 +14,7 @@ CELL_M = 0.8            # of the field of which means are taken
 _CELLS = round(BLOCK_M / CELL_M)
 
 
-def field_for(box: tuple[float, float, float, float]) -> Area:
+def field_for(box: Box) -> Area:
     """Return zeros on cells of `CELL_M` that hold all blocks around a box.
 
     Cell (i, j) reaches from i to i + 1 cells; its value is meant for its middle.
@@ -34,7 +35,7 @@ def middles(field: Area) -> tuple[Array, Array]:
     return x, y
 
 
-def box_of(field: Area) -> tuple[float, float, float, float]:
+def box_of(field: Area) -> Box:
     """Return x low, x high, y low and y high of a field [m]."""
     (x, y), (rows, columns), cell = field.first, field.values.shape, field.cell_m
     return x * cell, (x + columns) * cell, y * cell, (y + rows) * cell

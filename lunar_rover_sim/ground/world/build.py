@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from lunar_rover_sim.base.errors import check_argument
 from lunar_rover_sim.ground.world import albedo, block_means
 from lunar_rover_sim.ground.world import levels as nest
-from lunar_rover_sim.ground.world import rockfield, shapes
+from lunar_rover_sim.ground.world import rockfield, shapes, spline
 from lunar_rover_sim.ground.world import tile as measured
 from lunar_rover_sim.ground.world import world_folder
 from lunar_rover_sim.ground.world.config import DEM, MESH, WorldConfig
-from lunar_rover_sim.ground.world.crater_field import Box, widened
 from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.dem import open_dem
-from lunar_rover_sim.ground.world.grid import height_step_m, HeightGrid, on_lattice, round_to
+from lunar_rover_sim.ground.world.grid import (Box, height_step_m, HeightGrid, on_lattice,
+                                               round_to, widened)
 from lunar_rover_sim.ground.world.levels import axis_m
 from lunar_rover_sim.ground.world.mesh import MeshSource
 from lunar_rover_sim.ground.world.model import World
@@ -96,6 +96,7 @@ class Builder:
             self.source = MeshSource(config)
         self._terrain = Terrain(config, self.source)
         self._origin_m: float | None = None
+        self._bright_last: spline.Area | None = None
 
     def close(self) -> None:
         """Close the source."""
@@ -140,13 +141,24 @@ class Builder:
         rocks, all_rocks = rockfield.scatter(config.rocks, config.seed, ground, library,
                                              self._reaching(around), config.clear_radius_m)
         ground = rockfield.fillets(config.rocks, ground, all_rocks)
-        light = albedo.fine_albedo(config, middle_m, self._bright(ground.box_m))
+        light = albedo.fine_albedo(self._albedo_change(ground))
         levels = self._nested([ground.heights_m.copy(), *arrays[1:]], middle_m)
         tell('hash', 0.95)
         world = world_folder.sealed(World(levels, light, rocks, library, config, '', drawn,
                                           report))
         tell('done', 1.0)
         return world
+
+    def _albedo_change(self, ground: HeightGrid) -> NDArray[np.float32]:
+        """Return by how much the albedo of the fine ground differs from 1."""
+        def make(first: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.float32]:
+            box = spline.box_of(first, shape, ground.cell_m)
+            return albedo.fine_change(self.config, first, shape, self._bright(box))
+
+        first = round(ground.first[0]), round(ground.first[1])
+        change = spline.extended(self._bright_last, first, (ground.n, ground.n), make)
+        self._bright_last = spline.Area(change, first, ground.cell_m)
+        return change
 
     def _height_of_origin(self) -> float:
         """Return the height of the origin over the source's reference."""

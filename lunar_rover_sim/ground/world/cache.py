@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 import contextlib
 import fcntl
 import hashlib
@@ -127,15 +127,20 @@ def _used(folder: pathlib.Path) -> None:
 
 
 def _drop_old(parent: pathlib.Path) -> None:
-    """Remove windows but those used last; another process may do so too."""
-    used = []
-    for folder in parent.glob('[0-9a-f]' * 24):
-        with contextlib.suppress(OSError):
-            used.append((folder.stat().st_mtime_ns, folder))
-    for _, folder in sorted(used)[:-_MOST_WINDOWS]:
+    """Remove windows but those used last."""
+    for folder in used_longest_ago(parent.glob('[0-9a-f]' * 24), _MOST_WINDOWS):
         _remove(folder)
         with contextlib.suppress(OSError):
             (parent / f'.{folder.name}.lock').unlink()
+
+
+def used_longest_ago(paths: Iterable[pathlib.Path], most: int) -> list[pathlib.Path]:
+    """Return files or folders beyond the number that is kept; another process may drop some."""
+    used = []
+    for path in paths:
+        with contextlib.suppress(OSError):
+            used.append((path.stat().st_mtime_ns, path))
+    return [path for _, path in sorted(used)[:-most]]
 
 
 def _is_whole(folder: pathlib.Path) -> bool:

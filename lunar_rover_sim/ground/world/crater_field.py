@@ -18,19 +18,12 @@ from lunar_rover_sim.ground.world import streams
 from lunar_rover_sim.ground.world.config import CraterConfig
 from lunar_rover_sim.ground.world.craters import (Craters, expected_number, keep_clear, populate,
                                                   POSITION_STEP_M, survivors)
-from lunar_rover_sim.ground.world.grid import on_lattice
+from lunar_rover_sim.ground.world.grid import Box, on_lattice, widened
 from lunar_rover_sim.ground.world.tile import below_its_scale, Source
-
-Box = tuple[float, float, float, float]     # x low, x high, y low, y high [m]
 
 _BAND = 4.0             # between the least and the largest diameter of a band
 _LEAST_TILE_M = 12.8
 _TILE_DIAMETERS = 8.0   # of the largest crater of a band, in a tile
-
-
-def widened(box: Box, by_m: float) -> Box:
-    """Return a box with a margin on all sides."""
-    return box[0] - by_m, box[1] + by_m, box[2] - by_m, box[3] + by_m
 
 
 class CraterField:

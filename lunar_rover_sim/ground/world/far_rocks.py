@@ -13,6 +13,7 @@ import numpy as np
 
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world import rockfield
+from lunar_rover_sim.ground.world.grid import box_around
 from lunar_rover_sim.ground.world.kept_arrays import kept
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.rocks import Rocks
@@ -72,7 +73,7 @@ def _far_rocks(world: World, reach_m: float) -> Rocks:
     for shell in sorted(set(shells)):
         least_m = float(least_diameter_m(np.array([max(half, inner), 0.0])))
         found = rockfield.population(
-            config, world.config.seed, (x - shell, x + shell, y - shell, y + shell), craters,
+            config, world.config.seed, box_around((x, y), shell), craters,
             world.config.clear_radius_m, least_m)
         away = np.abs(found.xy_m - (x, y)).max(axis=1)
         diameter = classes[found.size]

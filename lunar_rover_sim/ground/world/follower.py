@@ -2,86 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Protocol
 
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.site import Site, Windows
 
 # Offsets of the rover from the middle of its window, in steps of the site: from the first on the
 # next window is made ahead; at the second, or a little before, the rover enters it.
 _AHEAD, _CHANGE = 0.4, 0.76
 _FAR_M = 1e9
-_ROOM_M = 3.0     # around the rover, which a window must hold where it is left
-
-
-class Windows(Protocol):
-    """The windows of a site, whose middles are multiples of `step_m` in x and in y.
-
-    Attributes:
-        step_m: Distance between the middles of neighbouring windows [m].
-        half_extent_m: Where the last window ends [m].
-    """
-
-    step_m: float
-    half_extent_m: float
-
-    def middle(self, xy_m: Sequence[float],
-               now_m: tuple[float, float] | None = None) -> tuple[float, float]:
-        """Return the middle of the window for a rover at a place.
-
-        Args:
-            now_m: Middle of the window in which it is: it stays there until it is well outside
-                the step around that.
-        """
-
-    def window(self, middle_m: tuple[float, float]) -> World:
-        """Return a window; one that is being made is waited for."""
-
-    def ahead(self, middle_m: tuple[float, float]) -> None:
-        """Begin to make a window in a thread."""
-
-    def close(self) -> None:
-        """End what is being made."""
-
-
-class OneWindow:
-    """A world that is never left: its own only window."""
-
-    step_m = 12.8
-
-    def __init__(self, world: World) -> None:
-        self._world, self.half_extent_m = world, world.ground.half_extent_m
-
-    def middle(self, xy_m: Sequence[float],
-               now_m: tuple[float, float] | None = None) -> tuple[float, float]:
-        """Return the middle of the world."""
-        return self._world.ground.middle_m
-
-    def window(self, middle_m: tuple[float, float]) -> World:
-        """Return the world."""
-        return self._world
-
-    def ahead(self, middle_m: tuple[float, float]) -> None:
-        """Do nothing: it is there."""
-
-    def close(self) -> None:
-        """Do nothing."""
-
-
-def site_of(world: World) -> Windows:
-    """Return the site that a world is a window of.
-
-    One that was made by hand is all of its own, and so is one that is too small to hold what is
-    around a rover where windows change.
-    """
-    # Here, because only who changes windows needs what builds them.
-    from lunar_rover_sim.ground.world.site import Site
-    site = Site.of(world)
-    if world.ground.half_extent_m < _CHANGE * site.step_m + _ROOM_M:
-        return OneWindow(world)
-    return site
 
 
 class Follower:
@@ -104,7 +34,7 @@ class Follower:
 
     def enter(self, world: World) -> None:
         """Go on in a window that is chosen by hand."""
-        self.site = site_of(world) if self._given is None else self._given
+        self.site: Windows = Site.of(world) if self._given is None else self._given
         self.world = world
         self._coming: tuple[tuple[float, float], Future[World]] | None = None
 
@@ -124,8 +54,7 @@ class Follower:
     def end(self) -> str:
         """Where the site ends, in words."""
         bounds = self.bounds_m
-        if bounds == tuple((m - half, m + half) for m, half in zip(
-                self.world.ground.middle_m, 2 * [self.world.ground.half_extent_m])):
+        if (*bounds[0], *bounds[1]) == self.world.ground.box_m:
             return f'the ground ends at {end_of(self.world.ground)}'
         (west, east), (south, north) = bounds
         return f'the site ends at x = {west:g} and {east:g} m, y = {south:g} and {north:g} m'
@@ -155,7 +84,6 @@ class Follower:
         ratio = max(_CHANGE * site.step_m / away, 1.0)
         ahead = site.middle((here[0] + ratio * dx, here[1] + ratio * dy), here)
         if ahead != here and (self._coming is None or self._coming[0] != ahead):
-            site.ahead(ahead)
             self._coming = ahead, self._pool.submit(site.window, ahead)
         return self.world
 

@@ -9,7 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+Box = tuple[float, float, float, float]     # least and greatest x, then y, site frame [m]
+
 _FRACTIONS = 4096.0     # of a cell, at which a sample may lie
+
+
+def box_around(middle_m: tuple[float, float], half_m: float) -> Box:
+    """Return the square around a place."""
+    x, y = middle_m
+    return x - half_m, x + half_m, y - half_m, y + half_m
+
+
+def widened(box: Box, by_m: float) -> Box:
+    """Return a box with a margin on all sides."""
+    return box[0] - by_m, box[1] + by_m, box[2] - by_m, box[3] + by_m
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,10 +55,9 @@ class HeightGrid:
         return 0.5 * (self.n - 1) * self.cell_m
 
     @property
-    def box_m(self) -> tuple[float, float, float, float]:
+    def box_m(self) -> Box:
         """Least and greatest x, then y, site frame [m]."""
-        half, (x, y) = self.half_extent_m, self.middle_m
-        return x - half, x + half, y - half, y + half
+        return box_around(self.middle_m, self.half_extent_m)
 
     @property
     def first(self) -> tuple[float, float]:
@@ -145,15 +157,6 @@ def round_to(values: NDArray[np.floating[Any]], step: float) -> None:
 def significant(values: ArrayLike) -> NDArray[np.float64]:
     """Return values, rounded to the 24 significant bits of single precision, as float64."""
     return np.asarray(values, np.float64).astype(np.float32).astype(np.float64)
-
-
-def window_of(x0: float, y0: float, reach: float, n: int) -> tuple[slice, slice] | None:
-    """Return the rows and columns within reach of a centre, in cells; None if fewer than two."""
-    left, right = max(int(np.ceil(x0 - reach)), 0), min(int(np.floor(x0 + reach)) + 1, n)
-    low, high = max(int(np.ceil(y0 - reach)), 0), min(int(np.floor(y0 + reach)) + 1, n)
-    if right - left < 2 or high - low < 2:
-        return None
-    return slice(low, high), slice(left, right)
 
 
 def part_of(x: float, y: float, reach: float, first: tuple[int, int],

@@ -8,7 +8,6 @@ import hashlib
 import json
 import logging
 import os
-import pathlib
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.base.files.arrays import read_archive
 from lunar_rover_sim.base.files.atomic import atomic_write
-from lunar_rover_sim.ground.world.cache import cache_folder
+from lunar_rover_sim.ground.world.cache import cache_folder, used_longest_ago
 
 logger = logging.getLogger(__name__)
 
@@ -50,17 +49,8 @@ def kept(name: str, recipe: Any, make: Callable[[], NDArray[Any]]) -> NDArray[An
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         atomic_write(path, lambda file: np.savez(file, array=array))
-        _drop_old(path.parent, name)
+        for old in used_longest_ago(path.parent.glob(f'{name}_{24 * "?"}.npz'), _MOST_FILES):
+            old.unlink(missing_ok=True)
     except OSError as error:
         logger.warning('%s is not kept: %s', path, error)
     return array
-
-
-def _drop_old(folder: pathlib.Path, name: str) -> None:
-    """Remove files of a kind but those used last; another process may do so too."""
-    used = []
-    for path in folder.glob(f'{name}_{24 * "?"}.npz'):
-        with contextlib.suppress(OSError):
-            used.append((path.stat().st_mtime_ns, path))
-    for _, path in sorted(used)[:-_MOST_FILES]:
-        path.unlink(missing_ok=True)

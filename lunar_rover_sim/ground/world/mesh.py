@@ -15,8 +15,9 @@ from lunar_rover_sim.base.errors import one_line, WorldError
 from lunar_rover_sim.base.files.paths import check_regular, user_path
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.fill import harmonic_fill
+from lunar_rover_sim.ground.world.grid import Box, box_around, widened
 from lunar_rover_sim.ground.world.missing_data import max_step_m
-from lunar_rover_sim.ground.world.raster import Box, MAX_HEIGHT_M
+from lunar_rover_sim.ground.world.raster import MAX_HEIGHT_M
 from lunar_rover_sim.ground.world.tile import PAD_PIXELS, Tile
 
 logger = logging.getLogger(__name__)
@@ -134,7 +135,7 @@ class MeshSource:
                 f'{half - least:.4g} m beyond the mesh ({self._extent_m[0]:.5g} x '
                 f'{self._extent_m[1]:.5g} m); move world.mesh.center, set world.mesh.scale, or '
                 'make world.size_m smaller')
-        _, _, hits = self._cast((x - half, x + half, y - half, y + half), self.config.cell_m, True)
+        _, _, hits = self._cast(box_around(middle_m, half), self.config.cell_m, True)
         holes, overhangs = int(np.isnan(hits.top_m).sum()), int((hits.layers > 1).sum())
         rays = hits.top_m.size
         self.report.update(rays=rays, holes=holes, overhangs=overhangs)
@@ -154,14 +155,13 @@ class MeshSource:
     def tile(self, box_m: Box, cell_m: float) -> Tile | None:
         """Return the heights in a box and around it, sampled at `resolution_m` or the cell."""
         spacing = max(self.pixel_m, cell_m)
-        pad = PAD_PIXELS * spacing
-        x0, x1, y0, y1 = box_m
-        first, _, hits = self._cast((x0 - pad, x1 + pad, y0 - pad, y1 + pad), spacing)
+        first, _, hits = self._cast(widened(box_m, PAD_PIXELS * spacing), spacing)
         known = np.isfinite(hits.top_m)
         if not known.any():
             return None
         top = np.where(known, hits.top_m, 0.0).astype(np.float32)
-        return Tile(harmonic_fill(top, known), first, (0.0, 0.0), (spacing, spacing))
+        return Tile(harmonic_fill(top, known), first, (0.0, 0.0), (spacing, spacing),
+                    not known.all())
 
     def close(self) -> None:
         """Release the mesh."""

@@ -91,8 +91,7 @@ class MappedGround:
         def rocks(least_m: float) -> Rocks:
             far = far_rocks(world, last.half_extent_m)
             all_rocks = world.rocks.joined(far) if len(far) else world.rocks
-            some = np.flatnonzero(all_rocks.diameter_m >= least_m)
-            return _select(all_rocks, some)
+            return all_rocks.select(all_rocks.diameter_m >= least_m)
 
         crs, origin = projected_origin(world)
         return MappedGround(heights, albedo, last.half_extent_m, world.craters, rocks,
@@ -275,12 +274,5 @@ def _within(rocks: Rocks, x_m: Array, y_m: Array) -> Rocks:
     """Return the rocks that reach into the rectangle of two axes."""
     x, y = rocks.position_m[:, :2].T
     reach = 0.5 * rocks.diameter_m
-    some = np.flatnonzero((x + reach >= x_m[0]) & (x - reach <= x_m[-1])
-                          & (y + reach >= y_m[0]) & (y - reach <= y_m[-1]))
-    return _select(rocks, some)
-
-
-def _select(rocks: Rocks, some: NDArray[np.int64]) -> Rocks:
-    return Rocks(rocks.shape[some], rocks.size[some], rocks.position_m[some],
-                 rocks.orientation_wxyz[some], rocks.albedo[some], rocks.size_classes_m,
-                 rocks.key[some])
+    return rocks.select((x + reach >= x_m[0]) & (x - reach <= x_m[-1])
+                        & (y + reach >= y_m[0]) & (y - reach <= y_m[-1]))

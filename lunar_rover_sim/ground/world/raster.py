@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.fill import harmonic_fill
+from lunar_rover_sim.ground.world.grid import Box, box_around
 from lunar_rover_sim.ground.world.missing_data import ADVICE, all_marked, marked, steepest, Suspect
 from lunar_rover_sim.ground.world.tile import PAD_PIXELS, Tile
 
@@ -25,8 +26,6 @@ _CHECKED_AROUND = 3     # pixels around the ground that are checked with it
 _CHECKED_PIXELS = 1 << 22       # at once
 _MOST_CHECKED = 1 << 26         # at full resolution; larger areas are checked as they are averaged
 _MOST_READ = 1 << 33            # for one level: some minutes
-
-Box = tuple[float, float, float, float]     # x low, x high, y low, y high [m]
 
 
 class Raster(abc.ABC):
@@ -65,8 +64,8 @@ class Raster(abc.ABC):
         return max(self.pixel_x_m, self.pixel_y_m)
 
     @property
-    def area_m(self) -> tuple[float, float, float, float]:
-        """The area of the file in the world frame: x low, x high, y low, y high [m]."""
+    def area_m(self) -> Box:
+        """The area of the file in the world frame."""
         south, north = self.row0 - self.height, self.row0
         if self.south_up:
             south, north = -self.row0, self.height - self.row0
@@ -116,7 +115,7 @@ class Raster(abc.ABC):
                 f'{beyond[worst]:.4g} m beyond the {names[worst]} edge of the file '
                 f'({wide:.5g} x {high:.5g} m); move world.dem.center or '
                 'make world.size_m smaller')
-        box = (x - half, x + half, y - half, y + half)
+        box = box_around(middle_m, half)
         heights, known, _, _ = self._window(box, self.config.cell_m, _CHECKED_AROUND)
         if not known.all():
             missing = int((~known).sum())
@@ -148,7 +147,7 @@ class Raster(abc.ABC):
         phase_y = 0.5 - self.row0 / factor
         return Tile(heights, first, (0.5 - self.column0 / factor,
                                      phase_y if self.south_up else -phase_y),
-                    (factor * self.pixel_x_m, factor * self.pixel_y_m))
+                    (factor * self.pixel_x_m, factor * self.pixel_y_m), not known.all())
 
     def _check_pixels_of(self, box_m: Box, cell_m: float, where: str) -> None:
         """Raise WorldError if a part of the file holds marks of missing data that are undeclared.

@@ -1,6 +1,7 @@
-"""Rays of fresh craters: narrow sectors in which ejected rocks and bright soil lie farther out.
+"""Bright soil around fresh craters, and rays: narrow sectors in which ejected rocks and soil lie
+farther out.
 
-Those of lunar craters reach several radii and are narrow and irregular. Their number, width and
+Rays of lunar craters reach several radii and are narrow and irregular. Their number, width and
 reach here are choices that look like those of metre- to decametre-sized craters in orbital images.
 """
 
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.ground.world import streams
 from lunar_rover_sim.ground.world.craters import Craters
-from lunar_rover_sim.ground.world.grid import part_of
+from lunar_rover_sim.ground.world.grid import ALBEDO_STEP, on_lattice, part_of
+from lunar_rover_sim.ground.world.relief import smoothstep
 from lunar_rover_sim.ground.world.spline import Area
 
 F32 = NDArray[np.float32]
@@ -23,6 +25,25 @@ _FEWEST, _MOST = 5, 9   # rays of one crater
 _WIDTH_RAD = (0.05, 0.14)
 _FALL = (1.4, 3.0)      # radii over which rays fade to 1 / e
 _HEADINGS = 512
+
+
+def brighten(albedo: Area, craters: Craters, amount: float) -> None:
+    """Brighten the surroundings of fresh craters in an albedo map, fading with age; in place."""
+    cell_m = albedo.cell_m
+    fresh = np.flatnonzero((craters.age < 0.2) & (craters.diameter_m > 6.0 * cell_m))
+    for i in fresh[np.lexsort((craters.key[fresh], -craters.time[fresh]))]:
+        radius = 0.5 * craters.diameter_m[i] / cell_m
+        x0, y0 = craters.position_m[i] / cell_m
+        window = part_of(x0, y0, 3.5 * radius, albedo.first, albedo.values.shape)
+        if window is None:
+            continue
+        dx = (np.arange(window[1].start, window[1].stop) + albedo.first[0] - x0) / radius
+        dy = (np.arange(window[0].start, window[0].stop) + albedo.first[1] - y0) / radius
+        rho = np.sqrt(dx * dx + (dy * dy)[:, None])
+        strength = amount * (1.0 - craters.age[i] / 0.2) ** 2
+        fall = np.exp(-0.5 * (np.maximum(rho - 0.8, 0.0) / 0.9) ** 2)
+        albedo.values[window] += on_lattice(strength * fall * smoothstep(3.5 - rho),
+                                            ALBEDO_STEP).astype(np.float32)
 
 
 def add_rays(field: Area, craters: Craters, amount: float) -> None:

@@ -20,15 +20,14 @@ from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, product_wxyz
 from lunar_rover_sim.ground.world import block_means, rays, streams
 from lunar_rover_sim.ground.world.config import ANGULAR_AT, RockConfig, SITES
 from lunar_rover_sim.ground.world.craters import Craters
-from lunar_rover_sim.ground.world.grid import (ALBEDO_STEP, height_step_m, HeightGrid, on_lattice,
-                                               part_of, round_to, significant)
+from lunar_rover_sim.ground.world.grid import (ALBEDO_STEP, Box, box_around, height_step_m,
+                                               HeightGrid, on_lattice, part_of, round_to,
+                                               significant, widened)
 from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
 from lunar_rover_sim.ground.world.shapes import chosen
 from lunar_rover_sim.ground.world.spline import Area
 
 logger = logging.getLogger(__name__)
-
-Box = tuple[float, float, float, float]     # x low, x high, y low, y high [m]
 
 _FILLET_CELLS = 5.0     # of the grid, along the diameter of the smallest rock with a fillet
 _POSITION_STEP_M, _ORIENTATION_STEP = 2.0**-20, 2.0**-24
@@ -162,8 +161,7 @@ def population(config: RockConfig, seed: int, box: Box, craters: Craters, clear_
         least_m: Those of smaller kinds need not be among them.
     """
     classes, rates = size_classes(config), rates_per_m2(config)
-    margin = 2.0 * _OVERLAP * config.max_diameter_m
-    around = (box[0] - margin, box[1] + margin, box[2] - margin, box[3] + margin)
+    around = widened(box, 2.0 * _OVERLAP * config.max_diameter_m)
     fresh = craters.select((craters.age < _FRESH))
     fresh = fresh.select(np.argsort(fresh.key, kind='stable'))
     parts = []
@@ -189,9 +187,8 @@ def population(config: RockConfig, seed: int, box: Box, craters: Craters, clear_
 
 def known_around(config: RockConfig, box: Box) -> Box:
     """Return within what the craters must be known that `population` takes for a box."""
-    margin = 2.0 * _OVERLAP * config.max_diameter_m
-    return block_means.box_of(block_means.field_for((box[0] - margin, box[1] + margin,
-                                                     box[2] - margin, box[3] + margin)))
+    return block_means.box_of(block_means.field_for(
+        widened(box, 2.0 * _OVERLAP * config.max_diameter_m)))
 
 
 def scatter(config: RockConfig, seed: int, ground: HeightGrid, shapes: tuple[RockShape, ...],
@@ -203,10 +200,9 @@ def scatter(config: RockConfig, seed: int, ground: HeightGrid, shapes: tuple[Roc
     Args:
         craters: All that reach `known_around` of the ground.
     """
-    (x, y), half = ground.middle_m, ground.half_extent_m
-    reach = half + config.max_diameter_m
-    found = population(config, seed, (x - reach, x + reach, y - reach, y + reach), craters,
-                       clear_radius_m)
+    half = ground.half_extent_m
+    found = population(config, seed, box_around(ground.middle_m, half + config.max_diameter_m),
+                       craters, clear_radius_m)
     away = np.abs(found.xy_m - ground.middle_m).max(axis=1)
     rocks = laid(config, ground, shapes,
                  found.select(away <= half - size_classes(config)[found.size]))

@@ -76,12 +76,14 @@ class Rocks:
 
     def joined(self, others: Rocks) -> Rocks:
         """Return these rocks and then others, which have the same classes of size."""
-        return Rocks(np.concatenate([self.shape, others.shape]),
-                     np.concatenate([self.size, others.size]),
-                     np.concatenate([self.position_m, others.position_m]),
-                     np.concatenate([self.orientation_wxyz, others.orientation_wxyz]),
-                     np.concatenate([self.albedo, others.albedo]), self.size_classes_m,
-                     np.concatenate([self.key, others.key]))
+        return dataclasses.replace(self, **{
+            name: np.concatenate([getattr(self, name), getattr(others, name)])
+            for name in _OF_EACH})
+
+    def select(self, chosen: NDArray) -> Rocks:
+        """Return the rocks at the chosen indices, or where a mask is true."""
+        return dataclasses.replace(self, **{name: getattr(self, name)[chosen]
+                                            for name in _OF_EACH})
 
     def __len__(self) -> int:
         return len(self.shape)
@@ -100,7 +102,9 @@ class Rocks:
         owner = np.repeat(np.arange(len(self)), number)
         within = np.arange(len(owner)) - np.repeat(np.cumsum(number) - number, number)
         first = np.cumsum(counts) - counts
-        rocks = Rocks((first[self.shape[owner]] + within).astype(np.int32), self.size[owner],
-                      self.position_m[owner], self.orientation_wxyz[owner], self.albedo[owner],
-                      self.size_classes_m, self.key[owner])
+        rocks = dataclasses.replace(
+            self.select(owner), shape=(first[self.shape[owner]] + within).astype(np.int32))
         return rocks, tuple(piece for part in parts for piece in part), owner
+
+
+_OF_EACH = [field.name for field in dataclasses.fields(Rocks) if field.name != 'size_classes_m']

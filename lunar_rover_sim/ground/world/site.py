@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import collections
+from collections.abc import Sequence
 import logging
 import math
 import pathlib
 import threading
-from typing import TYPE_CHECKING
+from typing import Protocol, TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.ground.world import cache
@@ -27,20 +27,75 @@ Middle = tuple[float, float]
 
 STEP_M = 12.8           # of the middles of windows, for cells that divide it
 _MOST_LOADED = 4        # windows in memory; their arrays are mapped
-_LEAVE = 0.75           # steps from the middle of a window at which the next one is taken
+LEAVE = 0.75            # steps from the middle of a window at which the next one is taken
+_ROOM_M = 3.0           # around the rover, which a window must hold where it is left
+
+
+class Windows(Protocol):
+    """The windows of a site, whose middles are multiples of `step_m` in x and in y.
+
+    All functions may be called from any thread.
+
+    Attributes:
+        step_m: Distance between the middles of neighbouring windows [m].
+        half_extent_m: Where the last window ends: places with |x| and |y| below it lie on the
+            site.
+    """
+
+    step_m: float
+    half_extent_m: float
+
+    def middle(self, xy_m: Sequence[float], now_m: Middle | None = None) -> Middle:
+        """Return the middle of the window for a rover at a place [m].
+
+        Args:
+            xy_m: (2,) of the rover.
+            now_m: Middle of its present window, which stays until the rover is three quarters of a
+                step from it, in x or in y: a rover that turns back and forth changes nothing.
+        """
+
+    def window(self, middle_m: Middle) -> World:
+        """Return a window, which is made if it is not there.
+
+        Args:
+            middle_m: As `middle` has it.
+
+        Raises:
+            WorldError: If it is not on the site, lacks heights, or cannot be built or kept.
+        """
+
+    def close(self) -> None:
+        """Release what builds windows."""
+
+
+class OneWindow:
+    """A world that is never left: its own only window."""
+
+    step_m = STEP_M
+
+    def __init__(self, world: World) -> None:
+        self._world, self.half_extent_m = world, world.ground.half_extent_m
+
+    def middle(self, xy_m: Sequence[float], now_m: Middle | None = None) -> Middle:
+        """Return the middle of the world."""
+        return self._world.ground.middle_m
+
+    def window(self, middle_m: Middle) -> World:
+        """Return the world; raise WorldError for another place."""
+        if tuple(middle_m) != self._world.ground.middle_m:
+            raise WorldError('(%g, %g) is not the middle of a window; ' % tuple(middle_m)
+                             + 'valid are (%g, %g)' % self._world.ground.middle_m)
+        return self._world
+
+    def close(self) -> None:
+        """Do nothing."""
 
 
 class Site:
     """Ground of one recipe and seed, everywhere within `world.site_km`; windows are worlds.
 
     Windows are built when they are first asked for, and kept in the cache on disk. The ground of
-    two windows is the same, bit by bit, where they overlap. All functions may be called from any
-    thread.
-
-    Attributes:
-        step_m: Middles of windows are multiples of it.
-        half_extent_m: Where the last window ends: places with |x| and |y| below it lie on the
-            site.
+    two windows is the same, bit by bit, where they overlap. See `Windows`.
     """
 
     def __init__(self, config: WorldConfig, seed: int = 0) -> None:
@@ -56,10 +111,8 @@ class Site:
         self.config = config.with_seed(seed)
         cell = LEVEL_RATIO * config.cell_m
         self.step_m = max(round(STEP_M / cell), 1) * cell
-        self._only: World | None = None
         self._builder: Builder | None = None
-        self._building = threading.Lock()
-        self._threads: dict[Middle, threading.Thread] = {}
+        self._busy = threading.Lock()
         self._loaded: collections.OrderedDict[Middle, World] = collections.OrderedDict()
         half, room = 0.5 * config.size_m, 500.0 * config.site_km
         if config.source != PROCEDURAL:
@@ -75,73 +128,50 @@ class Site:
         self.half_extent_m = half + self._most * self.step_m
 
     @classmethod
-    def of(cls, world: World) -> Site:
+    def of(cls, world: World) -> Site | OneWindow:
         """Return the site that a world is a window of.
 
         A world that was made by hand, that was changed, or that another recipe made is its own
-        only window.
+        only window, and so is one that is too small to hold what is around a rover where windows
+        change.
         """
         if (world.hash and world.report.get('recipe') == RECIPE and world.config.seed >= 0
                 and content_hash(world) == world.hash):
             try:
                 site = cls(world.config)
-                site._loaded[world.ground.middle_m] = world
-                return site
+                if world.ground.half_extent_m >= LEAVE * site.step_m + _ROOM_M:
+                    site._loaded[world.ground.middle_m] = world
+                    return site
+                site.close()
             except WorldError as error:
                 logger.info('%s; the world is its own only window', error)
-        return cls._of_one(world)
+        return OneWindow(world)
 
-    @classmethod
-    def _of_one(cls, world: World) -> Site:
-        site = cls.__new__(cls)
-        site.config, site.step_m = world.config, STEP_M
-        site.half_extent_m = world.ground.half_extent_m
-        site._only, site._builder, site._most = world, None, 0
-        site._building, site._threads = threading.Lock(), {}
-        site._loaded = collections.OrderedDict()
-        return site
-
-    def middle(self, xy_m: ArrayLike, now_m: Middle | None = None) -> Middle:
-        """Return the middle of the window for a rover at a place [m].
-
-        Args:
-            xy_m: (2,) of the rover.
-            now_m: Middle of its present window, which stays until the rover is three quarters of a
-                step from it, in x or in y: a rover that turns back and forth changes nothing.
-        """
-        if self._only is not None:
-            return self._only.ground.middle_m
+    def middle(self, xy_m: Sequence[float], now_m: Middle | None = None) -> Middle:
+        """See `Windows`."""
         xy = np.asarray(xy_m, float)
-        if now_m is not None and np.abs(xy - now_m).max() < _LEAVE * self.step_m:
+        if now_m is not None and np.abs(xy - now_m).max() < LEAVE * self.step_m:
             return float(now_m[0]), float(now_m[1])
         number = np.clip(np.rint(xy / self.step_m), -self._most, self._most)
         x, y = (number * self.step_m + 0.0).tolist()
         return x, y
 
     def window(self, middle_m: Middle) -> World:
-        """Return a window: built, or from the cache, or when the thread has made it.
-
-        Args:
-            middle_m: As `middle` has it.
-
-        Raises:
-            WorldError: If it is not on the site, lacks heights, or cannot be built or kept.
-        """
-        if self._only is not None:
-            self._check(middle_m)
-            return self._only
-        middle_m = self._check(middle_m)
-        self._wait_for(middle_m)
-        if middle_m not in self._loaded:
-            folder = self.folder(middle_m)
-            try:
-                world = load_world(folder, verify=False)
-            except WorldError:      # another process has dropped it meanwhile
-                world = load_world(self.folder(middle_m), verify=False)
-            self._loaded[middle_m] = world
-            while len(self._loaded) > _MOST_LOADED:
-                self._loaded.popitem(last=False)
-        return self._loaded[middle_m]
+        """See `Windows`."""
+        middle_m = self._checked(middle_m)
+        known = self._loaded.get(middle_m)
+        if known is not None:
+            return known
+        with self._busy:
+            if middle_m not in self._loaded:
+                try:
+                    world = load_world(self._made(middle_m), verify=False)
+                except WorldError:      # another process has dropped it meanwhile
+                    world = load_world(self._made(middle_m), verify=False)
+                self._loaded[middle_m] = world
+                if len(self._loaded) > _MOST_LOADED:
+                    self._loaded.popitem(last=False)
+            return self._loaded[middle_m]
 
     def folder(self, middle_m: Middle) -> pathlib.Path:
         """Return the folder of a window in the cache, whose content is verified; it is built if it
@@ -152,50 +182,19 @@ class Site:
         Raises:
             WorldError: As for `window`.
         """
-        middle_m = self._check(middle_m)
-        self._wait_for(middle_m)
-        return self._made(middle_m)
-
-    def ahead(self, middle_m: Middle) -> None:
-        """Begin to make a window in a thread; nothing happens if it is there.
-
-        What goes wrong is said when the window is asked for.
-        """
-        if self._only is not None or middle_m in self._loaded or middle_m in self._threads:
-            return
-        middle_m = self._check(middle_m)
-        self._threads[middle_m] = threading.Thread(target=self._try, args=(middle_m,), daemon=True,
-                                                   name='window ahead')
-        self._threads[middle_m].start()
+        with self._busy:
+            return self._made(self._checked(middle_m))
 
     def close(self) -> None:
-        """Wait for the threads and release the source."""
-        for middle_m in list(self._threads):
-            self._wait_for(middle_m)
-        with self._building:
+        """Release what builds windows."""
+        with self._busy:
             if self._builder is not None:
                 self._builder.close()
                 self._builder = None
 
-    def _try(self, middle_m: Middle) -> None:
-        try:
-            self._made(middle_m)
-        except WorldError as error:
-            logger.debug('%s', error)       # `window` raises it again
-
-    def _wait_for(self, middle_m: Middle) -> None:
-        thread = self._threads.get(middle_m)
-        if thread is not None and thread is not threading.current_thread():
-            thread.join()
-            self._threads.pop(middle_m, None)
-
     def _made(self, middle_m: Middle) -> pathlib.Path:
-        if self._only is not None:
-            raise WorldError('a world that was made by hand has no folder in the cache; '
-                             'save it with world.save_world')
-        with self._building:
-            return cache.cached(self.config, middle_m=middle_m,
-                                build=lambda: self._opened().window(middle_m))
+        return cache.cached(self.config, middle_m=middle_m,
+                            build=lambda: self._opened().window(middle_m))
 
     def _opened(self) -> Builder:
         if self._builder is None:
@@ -204,13 +203,11 @@ class Site:
             self._builder = Builder(self.config)
         return self._builder
 
-    def _check(self, middle_m: Middle) -> Middle:
+    def _checked(self, middle_m: Middle) -> Middle:
         """Return the middle of a window as `middle` has it; raise WorldError for another place."""
         x, y = float(middle_m[0]), float(middle_m[1])
         near = self.middle((x, y))
         if not max(abs(x - near[0]), abs(y - near[1])) < 1e-6:
-            raise WorldError(
-                f'({x:g}, {y:g}) is not the middle of a window; valid are '
-                + (f'({near[0]:g}, {near[1]:g})' if self._only is not None else
-                   f'multiples of {self.step_m:g} m within {self._most * self.step_m:g} m'))
+            raise WorldError(f'({x:g}, {y:g}) is not the middle of a window; valid are multiples '
+                             f'of {self.step_m:g} m within {self._most * self.step_m:g} m')
         return near

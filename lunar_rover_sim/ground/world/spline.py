@@ -6,6 +6,7 @@ bit, wherever they overlap: sums have a fixed order, and places are whole number
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import dataclasses
 import math
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.ground.world.grid import Box
 
 F32 = NDArray[np.float32]
 
@@ -50,6 +52,38 @@ class Area:
         if min(row, column) < 0 or values.shape != shape:
             raise ValueError(f'{first} {shape} is not within {self.first} {self.values.shape}')
         return Area(values, first, self.cell_m)
+
+
+def extended(known: Area | None, first: tuple[int, int], shape: tuple[int, int],
+             make: Callable[[tuple[int, int], tuple[int, int]], F32]) -> F32:
+    """Return values on a rectangle: those of a known area where it has them; the others are made.
+
+    Args:
+        known: Of the same lattice, or None.
+        make: Takes `first` and `shape` of a part.
+    """
+    (left, low), (rows, columns) = first, shape
+    right, high = left + columns, low + rows
+    if known is None:
+        return make(first, shape)
+    x, y = known.first
+    a, b = max(left, x), min(right, x + known.values.shape[1])
+    c, d = max(low, y), min(high, y + known.values.shape[0])
+    if a >= b or c >= d:
+        return make(first, shape)
+    values = np.empty(shape, np.float32)
+    values[c - low:d - low, a - left:b - left] = known.values[c - y:d - y, a - x:b - x]
+    for x0, x1, y0, y1 in ((left, right, low, c), (left, right, d, high), (left, a, c, d),
+                           (b, right, c, d)):
+        if x0 < x1 and y0 < y1:
+            values[y0 - low:y1 - low, x0 - left:x1 - left] = make((x0, y0), (y1 - y0, x1 - x0))
+    return values
+
+
+def box_of(first: tuple[int, int], shape: tuple[int, int], cell_m: float) -> Box:
+    """Return the box from the first to the last sample of a rectangle of a lattice."""
+    (x, y), (rows, columns) = first, shape
+    return x * cell_m, (x + columns - 1) * cell_m, y * cell_m, (y + rows - 1) * cell_m
 
 
 def _filter() -> Array:

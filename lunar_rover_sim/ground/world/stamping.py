@@ -1,19 +1,19 @@
-"""Drawing craters into heights, oldest first, and their bright soil into an albedo map."""
+"""Drawing craters into heights, oldest first."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-import scipy  # its parts when they are used
 
+from lunar_rover_sim.base.compiled import compiled
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world import streams
 from lunar_rover_sim.ground.world.config import CraterConfig
 from lunar_rover_sim.ground.world.craters import Craters, profile_table, RADII, REACH
-from lunar_rover_sim.ground.world.grid import ALBEDO_STEP, on_lattice, part_of
-from lunar_rover_sim.ground.world.relief import smoothstep
+from lunar_rover_sim.ground.world.grid import on_lattice, part_of
 from lunar_rover_sim.ground.world.spline import Area
 
 COARSER = 4             # the lattice on which planes are fitted, in cells of the heights
@@ -23,6 +23,8 @@ _FITTED = 1.2           # radii, of the square to which a plane is fitted
 # Below this diameter [cells] the ground under a crater is smooth anyway.
 FLATTENED_CELLS = 10.0   # diameter
 _PLANE_STEP_M = 2.0**-20  # lattice of the plane's height, and of its rise over a radius
+# Two to four lobes with random phases shape the outline; their power falls with the order.
+_LOBES = (0.75, 0.5, 0.43)
 
 
 def plane_margin_m(largest_m: Any) -> Any:
@@ -35,8 +37,7 @@ def plane_margin_m(largest_m: Any) -> Any:
     return 2.0 * (0.85 + 0.5 * REACH) * largest_m
 
 
-def stamp(ground: Area, craters: Craters, config: CraterConfig,
-          coarse: Area | None = None) -> None:
+def stamp(ground: Area, craters: Craters, config: CraterConfig, coarse: Area) -> None:
     """Draw craters into heights [m], in place, in order of time.
 
     Within its rim a crater erases the previous relief: the ground is drawn towards its best-fit
@@ -45,11 +46,11 @@ def stamp(ground: Area, craters: Craters, config: CraterConfig,
     ground with all craters of twice the size or more.
 
     Args:
-        ground: To draw into.
+        ground: To draw into, float32.
         craters: In the frame of the site.
         config: Of their profiles.
         coarse: The ground before craters on a lattice `COARSER` times as wide, with a margin, see
-            `plane_margin_m`; it is changed. By default it is `ground`, smoothed.
+            `plane_margin_m`; it is changed.
     """
     low = np.array(ground.first) * ground.cell_m
     high = low + (np.array(ground.values.shape[::-1]) - 1) * ground.cell_m
@@ -57,40 +58,18 @@ def stamp(ground: Area, craters: Craters, config: CraterConfig,
                                                                                  initial=-np.inf)
     # Those that decide planes within it.
     craters = craters.select(beyond <= plane_margin_m(2.0 * craters.diameter_m))
-    order = np.lexsort((craters.key, -craters.time))
-    craters = craters.select(order)
-    if coarse is None:
-        smooth = ground.values
-        for _ in range(2):
-            smooth = scipy.ndimage.uniform_filter(smooth, COARSER + 1, mode='nearest')
-        first = [-(-f // COARSER) for f in ground.first]
-        start = [COARSER * c - f for c, f in zip(first, ground.first)]
-        coarse = Area(smooth[start[1]::COARSER, start[0]::COARSER].copy(),
-                      (first[0], first[1]), COARSER * ground.cell_m)
-    # Two to four lobes with random phases shape the outline; their power falls with the order.
-    drawn = streams.normals(craters.key, 'outline', 6)
-    lobes = np.asarray((drawn[:, :3] + 1j * drawn[:, 3:])
-                       * (config.irregularity * np.array([0.75, 0.5, 0.43])), np.complex128)
-    planes = _planes(coarse, ground.cell_m, craters, config, lobes)
-    for i in range(len(craters)):
-        _stamp_one(ground, craters, i, config, lobes[i], planes[i])
-
-
-def _planes(coarse: Area, cell_m: float, craters: Craters, config: CraterConfig,
-            lobes: NDArray[np.complex128]) -> Array:
-    """Return middle and rises of the plane of each crater, (m, 3); NaN where none is fitted."""
+    craters = craters.select(np.lexsort((craters.key, -craters.time)))
     planes = np.full((len(craters), 3), np.nan)
-    large = craters.diameter_m > FLATTENED_CELLS * cell_m
+    large = craters.diameter_m > FLATTENED_CELLS * ground.cell_m
     _, band = np.frexp(craters.diameter_m)      # the power of two above it
     bands = np.unique(band[large])[::-1]
     for number in bands:
-        here = np.flatnonzero((band == number) & large).tolist()
-        for i in here:
+        here = np.flatnonzero((band == number) & large)
+        for i in here.tolist():
             planes[i] = _plane(coarse, craters, i)
         if number > bands[-1]:
-            for i in here:
-                _stamp_one(coarse, craters, i, config, lobes[i], planes[i])
-    return planes
+            _stamp(coarse, craters, here, config, planes)
+    _stamp(ground, craters, np.arange(len(craters)), config, planes)
 
 
 def _plane(coarse: Area, craters: Craters, i: int) -> Array:
@@ -113,81 +92,79 @@ def _plane(coarse: Area, craters: Craters, i: int) -> Array:
     return on_lattice([by_column.sum() / core.size - sx * mx - sy * my, sx, sy], _PLANE_STEP_M)
 
 
-def _stamp_one(ground: Area, craters: Craters, i: int, config: CraterConfig,
-               lobes: NDArray[np.complex128], plane: Array) -> None:
-    """Draw one crater."""
-    radius = 0.5 * craters.diameter_m[i] / ground.cell_m      # in cells
-    x0, y0 = craters.position_m[i] / ground.cell_m
-    part = part_of(x0, y0, REACH * radius, ground.first, ground.values.shape)
-    if part is None:
-        return
-    rows, columns = part
-    # Places count from the crater, so that all windows round alike.
-    dx = (np.arange(columns.start, columns.stop) + ground.first[0] - x0).astype(np.float32)
-    dy = (np.arange(rows.start, rows.stop) + ground.first[1] - y0).astype(np.float32)
-    dx, dy = dx / np.float32(radius), dy / np.float32(radius)
-    rho = np.sqrt(dx * dx + (dy * dy)[:, None])
-    shaped = _irregular(rho, dx, dy, lobes) if config.irregularity else rho
-    patch = ground.values[rows, columns]
-    if np.isfinite(plane[0]):
-        _flatten(patch, dx, dy, shaped, plane, 1.0 - 0.7 * craters.age[i])
-    per_radius = np.float32(1.0 / RADII[1])
-    index = np.minimum(shaped * per_radius, np.float32(len(RADII) - 2))
-    lower = index.astype(np.int32)
-    index -= lower
-    profile = profile_table(config).at(craters.age[i]) * craters.diameter_m[i]
-    profile = profile.astype(np.float32)
-    patch += profile[lower] + index * (profile[1:] - profile[:-1])[lower]
+def _stamp(ground: Area, craters: Craters, chosen: NDArray[np.int64], config: CraterConfig,
+           planes: Array) -> None:
+    """Draw the chosen craters, one after the other."""
+    drawn = streams.normals(craters.key[chosen], 'outline', 2 * len(_LOBES))
+    lobes = drawn * np.tile(config.irregularity * np.array(_LOBES), 2)
+    table = profile_table(config)
+    _draw(ground.values, *ground.first, ground.cell_m, craters.position_m[chosen],
+          craters.diameter_m[chosen], craters.age[chosen], lobes.astype(np.float32),
+          planes[chosen], table.ages, table.heights)
 
 
-def _irregular(rho: NDArray, dx: NDArray, dy: NDArray, lobes: NDArray) -> NDArray:
-    """Return the radii relative to the lobed outline."""
-    inverse = 1.0 / np.maximum(rho, np.float32(1e-3))
-    c, s = dx * inverse, dy[:, None] * inverse
-    c2, s2 = c * c - s * s, 2.0 * c * s
-    a, b, d = (np.complex64(lobe) for lobe in lobes)
-    lobed = a.real * c2 + a.imag * s2
-    lobed += b.real * (c2 * c - s2 * s) + b.imag * (s2 * c + c2 * s)
-    lobed += d.real * (c2 * c2 - s2 * s2) + d.imag * (2.0 * c2 * s2)
-    # Not np.clip, which takes longer to look at its bounds than at most craters.
-    np.minimum(lobed, np.float32(0.3), out=lobed)
-    np.maximum(lobed, np.float32(-0.3), out=lobed)
-    lobed += np.float32(1.0)
-    lobed *= rho
-    return lobed
+_F = np.float32
+_ONE, _TWO, _THREE = _F(1.0), _F(2.0), _F(3.0)
+_BEGINS, _FADES = _F(_UNTOUCHED), _F(_UNTOUCHED - _ERASED)
+_FLAT_REACH = _F(1.8)       # radii, in x and in y
+_LEAST_RHO, _MOST_LOBED = _F(1e-3), _F(0.3)
+_PER_RADIUS, _LAST = _F(1.0 / RADII[1]), _F(len(RADII) - 2)
 
 
-def _flatten(patch: NDArray, dx: NDArray, dy: NDArray, rho: NDArray, plane: Array,
-             amount: float) -> None:
-    """Draw the patch towards a plane within the rim, by a share `amount`; in place."""
-    near_x, near_y = np.flatnonzero(np.abs(dx) < 1.8), np.flatnonzero(np.abs(dy) < 1.8)
-    if not (len(near_x) and len(near_y)):
-        return
-    columns = slice(int(near_x[0]), int(near_x[-1]) + 1)
-    rows = slice(int(near_y[0]), int(near_y[-1]) + 1)
-    middle, sx, sy = plane.astype(np.float32)
-    ground, x, y = patch[rows, columns], dx[columns], dy[rows]
-    flat = (middle + sx * x) + (sy * y)[:, None]
-    t = (_UNTOUCHED - rho[rows, columns]) / (_UNTOUCHED - _ERASED)
-    np.minimum(t, np.float32(1.0), out=t)
-    np.maximum(t, np.float32(0.0), out=t)
-    ground += np.float32(amount) * t * t * (3.0 - 2.0 * t) * (flat - ground)
+@compiled
+def _draw(heights: np.ndarray, first_x: int, first_y: int, cell_m: float, position_m: np.ndarray,
+          diameter_m: np.ndarray, age: np.ndarray, lobes: np.ndarray, planes: np.ndarray,
+          ages: np.ndarray, profiles: np.ndarray) -> None:
+    """Draw craters into (rows, columns) float32 heights; in single precision.
 
-
-def brighten(albedo: Area, craters: Craters, amount: float) -> None:
-    """Brighten the surroundings of fresh craters in an albedo map, fading with age; in place."""
-    cell_m = albedo.cell_m
-    fresh = np.flatnonzero((craters.age < 0.2) & (craters.diameter_m > 6.0 * cell_m))
-    for i in fresh[np.lexsort((craters.key[fresh], -craters.time[fresh]))]:
-        radius = 0.5 * craters.diameter_m[i] / cell_m
-        x0, y0 = craters.position_m[i] / cell_m
-        window = part_of(x0, y0, 3.5 * radius, albedo.first, albedo.values.shape)
-        if window is None:
+    Args:
+        first_x, first_y: Column and row of heights[0, 0] on the lattice of the site.
+        lobes: (m, 6) float32, cosines and then sines of two to four lobes.
+        planes: (m, 3), NaN for craters that do not flatten.
+        ages, profiles: Of the profile table.
+    """
+    rows, columns = heights.shape
+    profile = np.empty(profiles.shape[1], np.float32)
+    for i in range(len(diameter_m)):
+        radius = 0.5 * diameter_m[i] / cell_m       # in cells
+        x0, y0, reach = position_m[i, 0] / cell_m, position_m[i, 1] / cell_m, REACH * radius
+        left, right = max(math.ceil(x0 - reach), first_x), min(math.floor(x0 + reach) + 1,
+                                                               first_x + columns)
+        low, high = max(math.ceil(y0 - reach), first_y), min(math.floor(y0 + reach) + 1,
+                                                             first_y + rows)
+        if left >= right or low >= high:
             continue
-        dx = (np.arange(window[1].start, window[1].stop) + albedo.first[0] - x0) / radius
-        dy = (np.arange(window[0].start, window[0].stop) + albedo.first[1] - y0) / radius
-        rho = np.sqrt(dx * dx + (dy * dy)[:, None])
-        strength = amount * (1.0 - craters.age[i] / 0.2) ** 2
-        fall = np.exp(-0.5 * (np.maximum(rho - 0.8, 0.0) / 0.9) ** 2)
-        albedo.values[window] += on_lattice(strength * fall * smoothstep(3.5 - rho),
-                                            ALBEDO_STEP).astype(np.float32)
+        k = min(max(np.searchsorted(ages, age[i]) - 1, 0), len(ages) - 2)
+        part = (age[i] - ages[k]) / (ages[k + 1] - ages[k])
+        for r in range(len(profile)):
+            profile[r] = ((1.0 - part) * profiles[k, r] + part * profiles[k + 1, r]
+                          ) * diameter_m[i]
+        flattens = np.isfinite(planes[i, 0])
+        middle, sx, sy = _F(planes[i, 0]), _F(planes[i, 1]), _F(planes[i, 2])
+        amount, scale = _F(1.0 - 0.7 * age[i]), _F(radius)
+        c2_part, c3_part, c4_part = lobes[i, 0], lobes[i, 1], lobes[i, 2]
+        s2_part, s3_part, s4_part = lobes[i, 3], lobes[i, 4], lobes[i, 5]
+        for row in range(low, high):
+            # Places count from the crater, so that all windows round alike.
+            dy = _F(row - y0) / scale
+            line = heights[row - first_y]
+            near_y = flattens and abs(dy) < _FLAT_REACH
+            for column in range(left, right):
+                dx = _F(column - x0) / scale
+                rho = np.sqrt(dx * dx + dy * dy)
+                inverse = _ONE / max(rho, _LEAST_RHO)
+                c, s = dx * inverse, dy * inverse
+                c2, s2 = c * c - s * s, _TWO * c * s
+                lobed = c2_part * c2 + s2_part * s2
+                lobed += c3_part * (c2 * c - s2 * s) + s3_part * (s2 * c + c2 * s)
+                lobed += c4_part * (c2 * c2 - s2 * s2) + s4_part * (_TWO * c2 * s2)
+                rho *= max(min(lobed, _MOST_LOBED), -_MOST_LOBED) + _ONE
+                z = line[column - first_x]
+                if near_y and abs(dx) < _FLAT_REACH and rho < _BEGINS:
+                    t = min((_BEGINS - rho) / _FADES, _ONE)
+                    flat = (middle + sx * dx) + sy * dy
+                    z += amount * t * t * (_THREE - _TWO * t) * (flat - z)
+                at = min(rho * _PER_RADIUS, _LAST)
+                below = np.int32(at)
+                z += profile[below] + (at - _F(below)) * (profile[below + 1] - profile[below])
+                line[column - first_x] = z

@@ -15,9 +15,9 @@ import numpy as np
 from lunar_rover_sim.ground.world import levels as nest
 from lunar_rover_sim.ground.world import spline, stamping, tile
 from lunar_rover_sim.ground.world.config import LEVEL_RATIO, WorldConfig
-from lunar_rover_sim.ground.world.crater_field import Box, CraterField, widened
+from lunar_rover_sim.ground.world.crater_field import CraterField
 from lunar_rover_sim.ground.world.craters import Craters, REACH
-from lunar_rover_sim.ground.world.grid import height_step_m, round_to
+from lunar_rover_sim.ground.world.grid import Box, box_around, height_step_m, round_to, widened
 from lunar_rover_sim.ground.world.relief import Relief, SPLIT_CELLS
 from lunar_rover_sim.ground.world.spline import Area, F32
 
@@ -30,7 +30,11 @@ _MOST_LEVELS = 12
 
 
 class Terrain:
-    """The heights of a site, over a plane; relief that it has made is kept for other windows."""
+    """The heights of a site, over a plane.
+
+    What the next window shares with the last one is kept: relief, and heights that depend on their
+    place alone.
+    """
 
     def __init__(self, config: WorldConfig, source: tile.Source | None = None) -> None:
         """Take the recipe, whose seed is set."""
@@ -50,6 +54,12 @@ class Terrain:
                               if _RESTORED_CELLS * self.cells[k] <= pixel), default=0)
         if self._refined < 0:
             self._restored = -1
+        self._shown_last: dict[int, Area] = {}
+        # Whether the heights of `_ground` depend on their place alone, whatever the area: those
+        # made last, and those of the chain by their level. Beyond measured ground, and in filled
+        # gaps of it, they do not.
+        self._of_place = self._covered = True
+        self._chain_of_place: dict[int, bool] = {}
 
     def _goes_on(self) -> bool:
         cell = self.cells[-1]
@@ -99,8 +109,7 @@ class Terrain:
 
     def _box(self, k: int, middle_m: tuple[float, float]) -> Box:
         n, cell = self.plan[k]
-        half, (x, y) = 0.5 * (n - 1) * cell, middle_m
-        return x - half, x + half, y - half, y + half
+        return box_around(middle_m, 0.5 * (n - 1) * cell)
 
     def _margin_m(self, k: int) -> float:
         """Return how far beyond an area of a level its ground depends on the next coarser one."""
@@ -129,6 +138,7 @@ class Terrain:
             first, shape = _lattice(wanted[k], self.cells[k])
             heights = self._ground(k, first, shape, chain.get(k + 1), CHAIN_CELLS)
             chain[k] = Area(heights, first, self.cells[k])
+            self._chain_of_place[k] = self._of_place
         return chain
 
     def _shown(self, k: int, middle_m: tuple[float, float], chain: dict[int, Area]) -> F32:
@@ -138,20 +148,40 @@ class Terrain:
         place = [m / cell - 0.5 * (n - 1) for m in middle_m]
         whole = [round(p) for p in place]
         if max(abs(p - w) for p, w in zip(place, whole)) < 1e-6:
-            return self._ground(k, (whole[0], whole[1]), (n, n), chain.get(k + 1), least)
+            return self._continued(k, (whole[0], whole[1]), chain.get(k + 1), least)
         # The cell is wider than the step of windows: between the samples of the lattice.
         margin = spline.MARGIN
-        first = [math.floor(p) - margin for p in place]
-        heights = self._ground(k, (first[0], first[1]), (n + 2 * margin + 1,) * 2,
+        begin = [math.floor(p) - margin for p in place]
+        heights = self._ground(k, (begin[0], begin[1]), (n + 2 * margin + 1,) * 2,
                                chain.get(k + 1), least)
         columns, rows = (p - f - spline.TAPS + np.arange(n, dtype=float)
-                         for p, f in zip(place, first))
+                         for p, f in zip(place, begin))
         return spline.evaluated(spline.coefficients(heights), columns, rows)
+
+    def _continued(self, k: int, first: tuple[int, int], parent: Area | None,
+                   least_cells: float) -> F32:
+        """Return the (n, n) heights of a level that begins there; what the last window had stays.
+        """
+        n, cell = self.plan[k]
+        # Averages of pixels may depend on what is read with them.
+        of_place = [self.source is None or cell < 2.0 * self.source.pixel_m]
+
+        def make(first: tuple[int, int], shape: tuple[int, int]) -> F32:
+            heights = self._ground(k, first, shape, parent, least_cells)
+            of_place.append(self._of_place)
+            return heights
+
+        known = self._shown_last.pop(k, None)
+        heights = spline.extended(known, first, (n, n), make)
+        if not all(of_place):
+            return heights if known is None else make(first, (n, n))
+        self._shown_last[k] = Area(heights, first, cell)
+        return heights.copy()
 
     def _ground(self, k: int, first: tuple[int, int], shape: tuple[int, int],
                 parent: Area | None, least_cells: float) -> F32:
         """Return heights of a level with craters of so many cells or more."""
-        cell = self.cells[k]
+        cell, self._covered = self.cells[k], True
         if k == self._restored:
             border = math.ceil(self._pixels_m(k) / cell)
             outer = (first[0] - border, first[1] - border)
@@ -167,8 +197,10 @@ class Terrain:
             heights = self._added(k, first, shape, parent, least_cells)
         if k > self._refined and self.source is not None:
             found = self._tile(k, first, shape)
-            if found is not None:
-                tile.lay(Area(heights, first, cell), found)
+            self._covered &= found is not None and tile.lay(Area(heights, first, cell), found)
+        self._of_place = self._covered and (
+            (self.source is not None and k >= self._refined)
+            or self._chain_of_place.get(k + 1, True))
         heights = np.ascontiguousarray(heights)
         round_to(heights, height_step_m(cell))
         return heights
@@ -178,8 +210,7 @@ class Terrain:
         """Return large shape, craters and relief of a level."""
         cell, largest = self.cells[k], self._largest_m(k)
         ground = Area(self._base(k, first, shape, parent, 1), first, cell)
-        box = (first[0] * cell, (first[0] + shape[1] - 1) * cell,
-               first[1] * cell, (first[1] + shape[0] - 1) * cell)
+        box = spline.box_of(first, shape, cell)
         wide = widened(box, stamping.plane_margin_m(largest))
         near = widened(box, 0.5 * REACH * largest + cell)
         craters = Craters.join([
@@ -207,18 +238,18 @@ class Terrain:
             base = spline.refined(parent, first, shape, LEVEL_RATIO // ratio)
         if k == self._refined and self.source is not None:
             found = self._tile(k, first, shape, ratio)
-            if found is not None:
-                tile.lay(Area(base, first, ratio * self.cells[k]), found)
+            self._covered &= found is not None and tile.lay(
+                Area(base, first, ratio * self.cells[k]), found)
         return base
 
     def _tile(self, k: int, first: tuple[int, int], shape: tuple[int, int],
               ratio: int = 1) -> tile.Tile | None:
         """Return the measured heights of an area of a level."""
         assert self.source is not None
-        step = ratio * self.cells[k]
-        return self.source.tile((first[0] * step, (first[0] + shape[1] - 1) * step,
-                                 first[1] * step, (first[1] + shape[0] - 1) * step),
-                                self.cells[k])
+        found = self.source.tile(spline.box_of(first, shape, ratio * self.cells[k]),
+                                 self.cells[k])
+        self._covered &= found is not None and not found.filled
+        return found
 
     def _pixels_m(self, k: int) -> float:
         """Return how far beyond an area a level needs means over pixels."""

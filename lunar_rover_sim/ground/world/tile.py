@@ -18,6 +18,7 @@ from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world import levels, spline
 from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.fill import plate_fill
+from lunar_rover_sim.ground.world.grid import Box
 from lunar_rover_sim.ground.world.spline import Area
 
 # A level whose cell is larger than this share of a pixel takes the heights of the tile unchanged;
@@ -40,12 +41,14 @@ class Tile:
         first: Number of the first pixel, x and y.
         phase: Place of the centre of pixel 0, x and y [pixels].
         step_m: Sides of a pixel, x and y.
+        filled: Whether there are pixels without data, whose heights depend on the rectangle.
     """
 
     heights_m: NDArray[np.float32]
     first: tuple[int, int]
     phase: tuple[float, float]
     step_m: tuple[float, float]
+    filled: bool = False
 
     @property
     def x_m(self) -> Array:
@@ -92,17 +95,16 @@ class Source(Protocol):
         """Native spacing of the heights [m]."""
 
     @property
-    def area_m(self) -> tuple[float, float, float, float]:
-        """The area covered: x low, x high, y low, y high [m]."""
+    def area_m(self) -> Box:
+        """The area covered."""
 
     def check_window(self, middle_m: tuple[float, float]) -> object:
         """Raise WorldError if the fine ground around a place is not within, or lacks heights."""
 
-    def tile(self, box_m: tuple[float, float, float, float], cell_m: float) -> Tile | None:
+    def tile(self, box_m: Box, cell_m: float) -> Tile | None:
         """Return the heights in a box and `PAD_PIXELS` around it; None if there are none.
 
         Args:
-            box_m: x low, x high, y low, y high.
             cell_m: They are averaged to about this.
 
         Raises:
@@ -113,23 +115,28 @@ class Source(Protocol):
         """Release the file."""
 
 
-def lay(ground: Area, tile: Tile) -> None:
+def lay(ground: Area, tile: Tile) -> bool:
     """Replace heights by those of the tile within it; continue the difference beyond it; in place.
 
     The difference continues as a plate under tension that is clamped to the tile, so that height
     and slope are continuous, and settles over a distance of about the size of the tile. What is
     within the tile does not depend on the rest.
+
+    Returns:
+        Whether all of the ground is within the tile.
     """
     rows, columns, known = _known(ground, tile)
     if known is None:
-        return
+        return False
     heights = ground.values
-    if known.shape != heights.shape:
+    within = known.shape == heights.shape
+    if not within:
         difference = np.zeros_like(heights)
         difference[rows, columns] = known - heights[rows, columns]
         size_m = min(n * side for n, side in zip(tile.heights_m.shape[::-1], tile.step_m))
         heights += _lead_out(difference, _axes(ground), rows, columns, tile.pixel_m, 0.5 * size_m)
     heights[rows, columns] = known
+    return within
 
 
 def _known(ground: Area, tile: Tile) -> tuple[slice, slice, NDArray[np.float32] | None]:

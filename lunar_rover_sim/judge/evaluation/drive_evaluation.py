@@ -23,8 +23,8 @@ from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.files.results import plain
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, tilt_deg
 from lunar_rover_sim.base.seconds import NS_PER_S
-from lunar_rover_sim.ground.world.follower import site_of
 from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.physics.state import TIPPED_DEG
@@ -144,7 +144,7 @@ def _contacts(world: World, rover: RoverDescription, way: Array, turns_wxyz: Arr
 
 def _windows(world: World, way: Array) -> Iterator[tuple[World, NDArray[np.int64]]]:
     """Yield the windows of a site along a way, each with the places that it is entered for."""
-    site, now, middles = site_of(world), world.ground.middle_m, []
+    site, now, middles = Site.of(world), world.ground.middle_m, []
     for place in way:
         now = site.middle((float(place[0]), float(place[1])), now)
         middles.append(now)

@@ -24,8 +24,8 @@ from lunar_rover_sim.autonomy.navigation.traversability import (belly_clearance_
 from lunar_rover_sim.autonomy.path_following.driver import DONE, Driver, STOPPED
 from lunar_rover_sim.base.errors import PhysicsError
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, path_length, se3, wxyz_from_matrix
-from lunar_rover_sim.ground.world.follower import OneWindow
 from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.site import OneWindow
 from lunar_rover_sim.image.stereo.seen_depth import SeenDepth
 from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
 from lunar_rover_sim.judge.studies.navigation_poses import poses_of

@@ -17,9 +17,9 @@ from lunar_rover_sim.base.errors import PhysicsError, StudyError
 from lunar_rover_sim.base.frames import Array, path_length, tilt_deg
 from lunar_rover_sim.ground.world.cache import cached
 from lunar_rover_sim.ground.world.config import WorldConfig
-from lunar_rover_sim.ground.world.follower import OneWindow
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.site import OneWindow
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.judge.studies.study_folder import map_in_processes, StudyFolder
 from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S

@@ -17,8 +17,9 @@ from lunar_rover_sim.base.errors import brief, ConfigError, GroundLeftError, one
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, rotated, tilt_deg
 from lunar_rover_sim.ground.regolith.looseness import soil_map
 from lunar_rover_sim.ground.regolith.overlay import Overlay
-from lunar_rover_sim.ground.world.follower import Follower, Windows
+from lunar_rover_sim.ground.world.follower import Follower
 from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.site import Windows
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mjcf import BASE_BODY
 from lunar_rover_sim.rover.physics.config import PhysicsConfig

@@ -12,7 +12,7 @@ from lunar_rover_sim.ground.world import stamping, streams
 from lunar_rover_sim.ground.world.config import CraterConfig
 from lunar_rover_sim.ground.world.craters import (Craters, fresh_profile, keep_clear, populate,
                                                   profile_table, RADII, REACH, survivors)
-from lunar_rover_sim.ground.world.grid import part_of, window_of
+from lunar_rover_sim.ground.world.grid import part_of
 from lunar_rover_sim.ground.world.spline import Area
 
 ROUND = CraterConfig(irregularity=0.0)
@@ -182,15 +182,9 @@ def test_a_crater_as_deep_as_the_oldest_does_not_change():
     (0.0, 19.0, 3.0, (16, 20), (0, 4)), (-1.0, 10.0, 2.0, (8, 13), (0, 2)),
     (10.0, -1.0, 2.0, (0, 2), (8, 13)), (20.0, 10.0, 2.0, (8, 13), (18, 20))])
 def test_a_window_holds_all_cells_within_reach(x0, y0, reach, rows, columns):
-    found = window_of(x0, y0, reach, 20)
+    found = part_of(x0, y0, reach, (0, 0), (20, 20))
     assert found == part_of(x0 + 7.0, y0 - 3.0, reach, (7, -3), (20, 20))
     assert (found[0].start, found[0].stop) == rows and (found[1].start, found[1].stop) == columns
-
-
-@pytest.mark.parametrize('x0,y0,reach', [(-3.0, 5.0, 2.0), (5.0, 23.0, 2.0), (5.5, 5.5, 0.6 - 0.2),
-                                         (-1.0, 5.0, 1.5), (5.0, 20.5, 1.6)])
-def test_a_window_of_less_than_two_rows_or_columns_is_none(x0, y0, reach):
-    assert window_of(x0, y0, reach, 20) is None
 
 
 @pytest.mark.parametrize('x0,y0,reach', [(-3.0, 5.0, 2.0), (5.0, 23.0, 2.0), (-1.0, 5.0, 0.9),

@@ -3,6 +3,7 @@
 import threading
 
 import pytest
+from waiting import wait_until
 from windows_scene import CutSite, window
 
 from lunar_rover_sim.base.errors import WorldError
@@ -33,8 +34,9 @@ def test_the_next_window_is_made_once_ahead(site):
     follower = start(site)
     for k in range(50):
         follower.at(0.19 * k, 0.1 * k)
-    assert site.ahead_m == [(12.8, 0.0)] and follower.next.ground.middle_m == (12.8, 0.0)
+    wait_until(lambda: follower.next)
     known = follower.next
+    assert site.entered_m == [(12.8, 0.0)] and known.ground.middle_m == (12.8, 0.0)
     assert follower.at(9.7, 5.0) is known and follower.next is None
     assert site.entered_m == [(12.8, 0.0)]
 
@@ -43,8 +45,9 @@ def test_another_way_than_expected(site):
     """It turns north before the eastern window is entered."""
     follower = start(site)
     follower.at(6.0, 0.0)
+    wait_until(lambda: follower.next)
     assert follower.at(6.0, 9.7).ground.middle_m == (0.0, 12.8)
-    assert site.ahead_m[0] == (12.8, 0.0)
+    assert site.entered_m[:2] == [(12.8, 0.0), (0.0, 12.8)]
 
 
 def test_a_window_that_is_being_made_is_waited_for(site):

@@ -87,7 +87,6 @@ def test_the_window_follows_the_rover_by_itself(ground):
     once, tracks, rock = walk(window((6.4, 19.2), 38.4, AT), ground, {})
     found, found_tracks, _ = walk(window((-0.3, 12.8), 14.4, AT), ground, {}, site=site)
     assert rock and len(set(site.entered_m)) >= 3
-    assert set(site.entered_m) <= {*site.ahead_m, site.entered_m[0]}
     np.testing.assert_array_equal(found, once)
     assert tracks is None or (len(tracks) > 500 and same(tracks, found_tracks))
 
