@@ -1,5 +1,7 @@
 """CPU time and memory of building, saving and loading worlds: `bench_world.py [--large]`.
 
+The next window is that of a rover that has gone on by a step of windows.
+
 Each case runs in a process of its own, on one core. `--large` adds a world of 204.8 m at 2.5 cm.
 """
 
@@ -23,6 +25,7 @@ CASES = {
     'dem': {'source': 'dem'},
     'mesh': {'source': 'mesh'},
 }
+STEP_M = 12.8
 LARGE = {'204.8 m': {'size_m': 204.8}}
 
 
@@ -38,22 +41,25 @@ def sources(folder: pathlib.Path) -> None:
     (folder / 'dem').mkdir()
     np.save(folder / 'dem' / 'dem.npy', heights.astype(np.float32))
     (folder / 'dem' / 'dem.yaml').write_text('size: [2000, 2000]\npixel_size: [5.0, -5.0]\n')
-    axis = (np.arange(225) - 112) * 0.25
-    grid = HeightGrid(np.sin(axis + axis[:, None]).astype(np.float32), 0.25)
+    axis = (np.arange(225) - 112) * 0.36
+    grid = HeightGrid(np.sin(axis + axis[:, None]).astype(np.float32), 0.36)
     trimesh.Trimesh(*export.surface(grid), process=False).export(folder / 'mesh.ply')
 
 
 def measure(name: str, folder: pathlib.Path, values_file: pathlib.Path | None) -> None:
     """Build one case and print one line; write its values, if a file is given."""
     from lunar_rover_sim.ground.world import world_folder
-    from lunar_rover_sim.ground.world.build import build_world
+    from lunar_rover_sim.ground.world.build import Builder
     from lunar_rover_sim.ground.world.config import WorldConfig
     mapping = {**CASES, **LARGE}[name]
     if 'source' in mapping:
         mapping = {**mapping, 'path': str(folder / {'dem': 'dem', 'mesh': 'mesh.ply'}[name])}
     start = time.process_time()
-    world = build_world(WorldConfig.from_mapping(mapping), 1)
+    builder = Builder(WorldConfig.from_mapping({**mapping, 'seed': 1}))
+    world = builder.window((0.0, 0.0))
     built = time.process_time()
+    builder.window((STEP_M, 0.0))
+    stepped = time.process_time()
     world_folder.save_world(world, folder / f'world {name}')
     saved = time.process_time()
     world_folder.load_world(folder / f'world {name}')
@@ -61,8 +67,10 @@ def measure(name: str, folder: pathlib.Path, values_file: pathlib.Path | None) -
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     if values_file is not None:
         values_file.write_text(json.dumps({'build_s': round(built - start, 1),
+                                           'step_s': round(stepped - built, 1),
                                            'peak_mib': round(peak)}))
-    print(f'{name:<14} build {built - start:6.2f} s   save {saved - built:5.2f} s   '
+    print(f'{name:<14} build {built - start:6.2f} s   next window {stepped - built:5.2f} s   '
+          f'save {saved - stepped:5.2f} s   '
           f'load and check {loaded - saved:5.2f} s   peak {peak:6.0f} MiB   '
           f'{len(world.rocks)} rocks', flush=True)
 

@@ -3,12 +3,13 @@
 import dataclasses
 import functools
 
+from ground.world.crater_scene import stamp
 import numpy as np
 import pytest
 from scipy import integrate, special, stats
 from scipy.ndimage import map_coordinates
 
-from lunar_rover_sim.ground.world import stamping, streams
+from lunar_rover_sim.ground.world import rays, streams
 from lunar_rover_sim.ground.world.config import CraterConfig
 from lunar_rover_sim.ground.world.craters import (Craters, fresh_profile, keep_clear, populate,
                                                   profile_table, RADII, REACH, survivors)
@@ -202,7 +203,7 @@ def drawn(catalogue, config=ROUND, ground=None, seed=0):
     """Return a ground with craters drawn into it."""
     heights = np.zeros((SIDE, SIDE), np.float32) if ground is None else ground.astype(np.float32)
     keyed = dataclasses.replace(catalogue, key=streams.keys(0, seed, 0, len(catalogue)))
-    stamping.stamp(Area(heights, FIRST, CELL), keyed, config)
+    stamp(Area(heights, FIRST, CELL), keyed, config)
     return heights
 
 
@@ -287,7 +288,7 @@ def test_a_small_crater_leaves_the_ground_under_it_as_it_is():
 @pytest.mark.parametrize('age,strength', [(0.0, 1.0), (0.1, 0.25), (0.19, 0.0025), (0.2, 0.0)])
 def test_fresh_craters_are_bright_and_fade_with_the_square_of_age(age, strength):
     albedo = np.ones((SIDE, SIDE), np.float32)
-    stamping.brighten(Area(albedo, FIRST, CELL), craters([[1.0, -0.5]], [2.0], [age]), 0.1)
+    rays.brighten(Area(albedo, FIRST, CELL), craters([[1.0, -0.5]], [2.0], [age]), 0.1)
     angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     rings = polar(albedo - 1.0, (1.0, -0.5), np.array([0.0, 0.5, 1.7, 3.6]), angles)
     assert np.ptp(rings, axis=0).max() < 0.004 * max(strength, 0.1)
@@ -298,7 +299,7 @@ def test_fresh_craters_are_bright_and_fade_with_the_square_of_age(age, strength)
 
 def test_craters_too_small_for_the_map_do_not_brighten_it():
     albedo = np.ones((SIDE, SIDE), np.float32)
-    stamping.brighten(Area(albedo, FIRST, CELL), craters([[0.0, 0.0]], [0.29], [0.0]), 0.1)
+    rays.brighten(Area(albedo, FIRST, CELL), craters([[0.0, 0.0]], [0.29], [0.0]), 0.1)
     assert np.all(albedo == 1.0)
-    stamping.brighten(Area(albedo, FIRST, CELL), craters([[0.0, 0.0]], [0.31], [0.0]), 0.1)
+    rays.brighten(Area(albedo, FIRST, CELL), craters([[0.0, 0.0]], [0.31], [0.0]), 0.1)
     assert albedo.max() > 1.09

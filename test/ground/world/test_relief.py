@@ -2,12 +2,13 @@
 
 import dataclasses
 
+from ground.world.crater_scene import stamp
 import numpy as np
 import pytest
 import worlds
 
 from lunar_rover_sim.base.errors import WorldError
-from lunar_rover_sim.ground.world import craters, stamping
+from lunar_rover_sim.ground.world import craters
 from lunar_rover_sim.ground.world.config import CraterConfig, ReliefConfig, WorldConfig
 from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.relief import spectrum, structure_function
@@ -184,13 +185,13 @@ def test_the_younger_crater_lies_on_top():
     swapped, alone = both.copy(), both.copy()
     level = np.zeros(2, np.int32)
     first = (-(n // 2), -(n // 2))
-    stamping.stamp(Area(both, first, cell), Craters(position, diameter, age, level), config)
-    stamping.stamp(Area(swapped, first, cell),
-                   Craters(position[::-1], diameter[::-1], age[::-1], level), config)
+    stamp(Area(both, first, cell), Craters(position, diameter, age, level), config)
+    stamp(Area(swapped, first, cell),
+          Craters(position[::-1], diameter[::-1], age[::-1], level), config)
     # Time decides, not the order of the list.
     assert np.array_equal(both, swapped)
-    stamping.stamp(Area(alone, first, cell),
-                   Craters(position[1:], diameter[1:], age[1:], level[1:]), config)
+    stamp(Area(alone, first, cell),
+          Craters(position[1:], diameter[1:], age[1:], level[1:]), config)
     axis = (np.arange(n) - 0.5 * (n - 1)) * cell
     in_young = np.hypot(axis - 1.5, axis[:, None]) < 1.6
     in_old = (np.hypot(axis + 1.5, axis[:, None]) < 2.0) & in_young

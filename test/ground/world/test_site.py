@@ -14,7 +14,7 @@ from waiting import LIMIT_S
 from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.base.parameters import merge
 from lunar_rover_sim.ground.world import cache
-from lunar_rover_sim.ground.world.build import build_world, drop_m
+from lunar_rover_sim.ground.world.build import build_world, Builder, drop_m
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.levels import axis_m
 from lunar_rover_sim.ground.world.site import Site
@@ -158,3 +158,14 @@ def test_two_processes_make_a_window_once(tmp_path):
     said = {process.communicate(timeout=LIMIT_S)[0] for process in both}
     assert len(said) == 1 and '' not in said
     assert len([p for p in pathlib.Path(tmp_path, 'windows').iterdir() if p.is_dir()]) == 1
+
+
+def test_a_window_is_the_same_whatever_was_made_before(site):
+    """One that goes on from its neighbours, and one that is made anew."""
+    goes_on = Builder(site.config)
+    for middle in ((0.0, 0.0), (12.8, 0.0), (25.6, -12.8)):
+        last = goes_on.window(middle)
+    anew = Builder(site.config)
+    assert anew.window((25.6, -12.8)).hash == last.hash
+    for builder in (goes_on, anew):
+        builder.close()
