@@ -18,8 +18,8 @@ from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError, GraphError
 from lunar_rover_sim.ground.regolith.overlay import GroundChanges, Overlay
+from lunar_rover_sim.ground.world.follower import Follower
 from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.node_main import GraphNode
@@ -64,7 +64,7 @@ class WindowListener:
             lockstep: Whether a window is waited for; otherwise the node goes on in the earlier
                 one until it is there.
         """
-        self._site, self._middle_m = Site.of(world), world.ground.middle_m
+        self._follower, self._middle_m = Follower(world), world.ground.middle_m
         self._lockstep = lockstep
         self._waiting: list[tuple[int, tuple[float, float]]] = []   # in the order of stamps
         self._pool = ThreadPoolExecutor(1)
@@ -83,16 +83,28 @@ class WindowListener:
             _, middle = self._waiting.pop(0)
         if middle != self._middle_m:
             self._middle_m = middle
-            self._coming = self._pool.submit(self._site.window, middle)
+            self._coming = self._pool.submit(self._follower.window, middle)
         if self._coming is None or not (self._lockstep or self._coming.done()):
             return None
         coming, self._coming = self._coming, None
-        return coming.result()
+        self._follower.world = coming.result()
+        return self._follower.world
+
+    def ahead(self, x_m: float, y_m: float) -> World | None:
+        """Return the window that will probably be next for a rover at a place, once it is made.
+
+        It is made in a thread when the rover nears it: who needs much of it can begin before
+        physics is there.
+        """
+        if self._coming is None:
+            self._follower.look_ahead(x_m, y_m)
+        return self._follower.next
 
     def close(self) -> None:
         """End the thread."""
         self._pool.shutdown(cancel_futures=True)
-        self._site.close()
+        self._follower.close()
+        self._follower.site.close()
 
     def _take(self, message: PointStamped) -> None:
         stamp_ns = time_ns(message.header.stamp)

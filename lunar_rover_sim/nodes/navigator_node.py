@@ -26,10 +26,12 @@ from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.errors import NavigationError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.seconds import NS_PER_S
+from lunar_rover_sim.ground.world.moon_place import reported_site
 from lunar_rover_sim.ground.world.orbital_making import orbital_map
 from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig, OrbitalMap
 from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.ground.world.world_folder import load_world
+from lunar_rover_sim.image.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, map_conversions, node_main, qos
 from lunar_rover_sim.nodes.nav2_action import NavigateToPoseServer, Progress
 from lunar_rover_sim.nodes.parameters import declare
@@ -110,11 +112,14 @@ class NavigatorNode(node_main.GraphNode):
         self._is_done = False
 
     def _costs_from_orbit(self) -> GroundCosts:
-        """Return what ground costs by the maps from orbit: those given, or those of the world."""
+        """Return what ground costs by maps from orbit, given or of the world, and the sun."""
         config = self._config
-        maps = OrbitalMap.load(pathlib.Path(config.maps)) if config.maps else orbital_map(
-            load_world(config.world, verify=False), OrbitalConfig(photo_pixel_m=0.0))
-        return GroundCosts.of(maps, config.far)
+        world = load_world(config.world, verify=False) if config.world else None
+        maps = OrbitalMap.load(pathlib.Path(config.maps)) if world is None or config.maps \
+            else orbital_map(world, OrbitalConfig(photo_pixel_m=0.0))
+        sun = sun_of_date(config.sun, None if world is None else reported_site(world.report))
+        return GroundCosts.of(maps, config.far, (sun.azimuth_deg, sun.elevation_deg)
+                              if sun.shines and sun.elevation_deg > 0.0 else None)
 
     # Input
 

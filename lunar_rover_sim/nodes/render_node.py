@@ -280,6 +280,8 @@ class RenderNode(node_main.GraphNode):
         world = self._windows.at(frame.stamp_ns)
         if world is not None:
             self._enter(world)
+        elif (coming := self._windows.ahead(*frame.state.T_world_base[:2, 3].tolist())):
+            self._renderer.ahead(coming)
         if self._ground.is_known and not self._begun and not self._renderer.follows:
             self._renderer.follow(self._ground.overlay)
         self._ground.advance(frame.stamp_ns)

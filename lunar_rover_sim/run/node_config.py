@@ -357,6 +357,7 @@ class NavigatorNodeConfig(PacedConfig, NodeConfig, NavigatorConfig):
                       'the start')
     radius_m: float = param(0.0, 'of the circle around the rover and its spokes; 0: by its '
                             'description', unit='m', low=0.0, high=10.0)
+    sun: SunConfig = group(SunConfig)
     enable_stamped_cmd_vel: bool = param(True, 'publish cmd_vel as TwistStamped (true) or Twist '
                                          '(false), as drive_node')
 
@@ -422,6 +423,7 @@ COMPANION_CONFIGS: dict[str, type[NodeConfig]] = {
 FOLLOWS = {
     'physics_node.ground_rate_hz': 'render_node.frame_rate_hz',
     'physics_node.sun': 'render_node.sun',
+    'navigator_node.sun': 'render_node.sun',
     'lidar_node.reflectance': 'render_node.reflectance',
     'mapping_node.camera': 'render_node.camera',
     'slam_node.camera': 'render_node.camera',

@@ -12,6 +12,7 @@ pytest.importorskip('rclpy')
 from geometry_msgs.msg import PointStamped  # noqa: E402  (needs rclpy)
 
 from lunar_rover_sim.base.errors import WorldError  # noqa: E402
+from lunar_rover_sim.ground.world import follower  # noqa: E402
 from lunar_rover_sim.nodes import ground_listener  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 
@@ -23,7 +24,7 @@ class Told:
 
     def __init__(self, monkeypatch, lockstep):
         self.site = CutSite(AT, half_m=1.6)
-        monkeypatch.setattr(ground_listener.Site, 'of', lambda world: self.site)
+        monkeypatch.setattr(follower.Site, 'of', lambda world: self.site)
         node = SimpleNamespace(create_subscription=self._subscribe)
         self.listener = ground_listener.WindowListener(node, window((0.0, 0.0), 1.6, AT), lockstep)
 

@@ -201,8 +201,9 @@ class NavigatorConfig(Parameters):
                             'gives up', low=0, high=100)
     patience_s: float = param(240.0, 'time without getting nearer after which it gives up',
                               unit='s', low=10.0, high=1e5)
-    lost_s: float = param(10.0, 'time without a pose, or without a map, after which it gives up; '
-                          'it stands still meanwhile', unit='s', low=0.1, high=600.0)
+    lost_s: float = param(10.0, 'time without a pose, or, when it has looked around, without '
+                          'depth, after which it gives up; it stands still meanwhile', unit='s',
+                          low=0.1, high=600.0)
     pose_age_s: float = param(0.5, 'age at which a pose counts as missing', unit='s', low=0.05,
                               high=10.0)
     map_age_s: float = param(1.5, 'age of the newest depth at which a map counts as missing',

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import dataclasses
 import math
 
@@ -16,6 +16,7 @@ from lunar_rover_sim.base.compiled import compiled
 from lunar_rover_sim.base.errors import brief, NavigationError
 from lunar_rover_sim.base.frames import Array, distance_along
 from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
+from lunar_rover_sim.ground.world.shade import shadow
 
 F32 = NDArray[np.float32]
 
@@ -45,13 +46,13 @@ class GroundCosts:
 
     @staticmethod
     def of(orbital: OrbitalMap, config: GlobalPlanConfig = GlobalPlanConfig(),
-           is_dark: Callable[[Array, Array], NDArray[np.bool_]] | None = None) -> GroundCosts:
+           sun_deg: tuple[float, float] | None = None) -> GroundCosts:
         """Return the costs of a map from orbit.
 
         Args:
             orbital: Heights and craters; slopes count less what their errors make of them.
             config: What is dear.
-            is_dark: Takes x and y (rows, columns) [m] and says where shadow is known; None: no
+            sun_deg: Azimuth and elevation of the sun, for the shadows of the relief; None: no
                 shadow is known.
         """
         factor = max(1, round(config.cell_m / orbital.pixel_m))
@@ -80,8 +81,8 @@ class GroundCosts:
         west, south = orbital.bounds_m[:2]
         x, y = (low + (np.arange(n) + 0.5) * cell for low, n in ((west, columns), (south, rows)))
         _add_craters(cost, x, y, cell, orbital, config.crater_cost)
-        if is_dark is not None:
-            cost[is_dark(*np.meshgrid(x, y))] += config.dark_cost
+        if sun_deg is not None:
+            cost[shadow(filled.astype(np.float32), cell, *sun_deg)] += config.dark_cost
         cost[(share >= 1.0) | ~known] = np.inf
         return GroundCosts(cost.astype(np.float32), (west, south), cell, known)
 

@@ -407,26 +407,33 @@ class Navigator:
     def _wait_for(self, missing: str, heading: float | None = None) -> NavigatorCommand:
         """Stand still; return the command.
 
-        A rover that has turned into the dark turns back to where it saw something. One that has
-        seen nothing yet looks around on the spot, where the ground is known.
+        A rover that has turned into the dark turns back to where it saw something. Where there is
+        nothing to be seen any more, or it has seen nothing yet, it looks around on the spot, where
+        the ground is known.
         """
         if self._missing_ns is None:
             self._missing_ns = self._now_ns
             self.notes.append(f'stands still: {missing}')
         self._history.clear()
-        waited_s = (self._now_ns - self._missing_ns) * 1e-9
-        yaw_rate, looks_around = 0.0, heading is not None and self._seeing_heading is None
-        around_s = 2.0 * math.pi / self._config.max_yaw_rate_radps if looks_around else 0.0
-        if waited_s > self._config.lost_s + around_s:
+        config, waited_s = self._config, (self._now_ns - self._missing_ns) * 1e-9
+        turn_s = 2.0 * math.pi / config.max_yaw_rate_radps
+        # An image comes a while after the turn that shows something.
+        back_s = (0.0 if heading is None or self._seeing_heading is None
+                  else 0.5 * turn_s + config.map_age_s)
+        around_s = 0.0 if heading is None else turn_s
+        if waited_s > config.lost_s + back_s + around_s:
             return self._fail(Failure.LOST, missing, None)
-        if looks_around and self._config.map_age_s < waited_s < self._config.map_age_s + around_s:
-            yaw_rate = self._config.max_yaw_rate_radps
-        if heading is not None and self._seeing_heading is not None:
+        yaw_rate = 0.0
+        if heading is not None and waited_s < back_s:
+            assert self._seeing_heading is not None
             if self._look is not None:
                 self._end_look()
             off = math.remainder(self._seeing_heading - heading, 2.0 * math.pi)
             if abs(off) > _ALIGNED_RAD:
-                yaw_rate = math.copysign(self._config.max_yaw_rate_radps, off)
+                yaw_rate = math.copysign(config.max_yaw_rate_radps, off)
+        elif heading is not None and waited_s > back_s + config.map_age_s \
+                and waited_s < back_s + config.map_age_s + around_s:
+            yaw_rate = config.max_yaw_rate_radps
         return NavigatorCommand(0.0, yaw_rate, Status.WAITING, missing)
 
     # Progress

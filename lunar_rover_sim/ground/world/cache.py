@@ -97,7 +97,7 @@ def cached(config: WorldConfig, seed: int = 0, progress: Any = None,
     with contextlib.ExitStack() as lock:
         with contextlib.suppress(OSError):      # where there are no locks, both build it
             folder.parent.mkdir(parents=True, exist_ok=True)
-            _lock(folder, lock)
+            _lock(folder, lock, logging.WARNING if at_origin else logging.INFO)
         if _is_whole(folder):
             return folder
         for left in folder.parent.glob(f'.{folder.name}.*.partial'):    # by one that was killed
@@ -155,13 +155,17 @@ def _is_whole(folder: pathlib.Path) -> bool:
     return True
 
 
-def _lock(folder: pathlib.Path, stack: contextlib.ExitStack) -> None:
-    """Wait until no other process builds this world; the lock ends with the process."""
+def _lock(folder: pathlib.Path, stack: contextlib.ExitStack, level: int) -> None:
+    """Wait until no other process builds this world; the lock ends with the process.
+
+    Args:
+        level: Of the line that tells of the wait.
+    """
     file = stack.enter_context((folder.parent / f'.{folder.name}.lock').open('w'))
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        logger.warning('%s: another process builds it; waiting', folder)
+        logger.log(level, '%s: another process builds it; waiting', folder)
         fcntl.flock(file, fcntl.LOCK_EX)
 
 

@@ -69,23 +69,38 @@ class Follower:
         Raises:
             WorldError: If it cannot be made.
         """
+        here = self.world.ground.middle_m
+        if max(abs(x_m - here[0]), abs(y_m - here[1])) < _AHEAD * self.site.step_m:
+            return self.world
+        middle = self.site.middle((x_m, y_m), here)
+        if middle != here:
+            self.world = self.window(middle)
+        else:
+            self.look_ahead(x_m, y_m)
+        return self.world
+
+    def window(self, middle_m: tuple[float, float]) -> World:
+        """Return a window, made ahead or now.
+
+        Raises:
+            WorldError: If it cannot be made.
+        """
+        coming, self._coming = self._coming, None
+        return (coming[1].result() if coming is not None and coming[0] == middle_m
+                else self.site.window(middle_m))
+
+    def look_ahead(self, x_m: float, y_m: float) -> None:
+        """Begin to make the next window where a rover at a place nears it."""
         here, site = self.world.ground.middle_m, self.site
         dx, dy = x_m - here[0], y_m - here[1]
         away = max(abs(dx), abs(dy))
         if away < _AHEAD * site.step_m:
-            return self.world
-        middle = site.middle((x_m, y_m), here)
-        if middle != here:
-            coming, self._coming = self._coming, None
-            self.world = (coming[1].result() if coming is not None and coming[0] == middle
-                          else site.window(middle))
-            return self.world
+            return
         # Where it changes if the rover goes on, away from the middle.
         ratio = max(_CHANGE * site.step_m / away, 1.0)
         ahead = site.middle((here[0] + ratio * dx, here[1] + ratio * dy), here)
         if ahead != here and (self._coming is None or self._coming[0] != ahead):
             self._coming = ahead, self._pool.submit(site.window, ahead)
-        return self.world
 
     @property
     def next(self) -> World | None:

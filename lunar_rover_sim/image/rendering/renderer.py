@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.base.errors import RenderError
 from lunar_rover_sim.base.frames import sun_direction
+from lunar_rover_sim.base.freed_memory import return_freed
 from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.ground.world.follower import Follower
 from lunar_rover_sim.ground.world.model import World
@@ -243,6 +244,8 @@ class Renderer:
         self.world = world
         for further in self._further:
             further.mount.enter(world)
+        del window, light
+        return_freed()
 
     def _follow(self, state: Posed) -> None:
         """Enter the window of a state, and prepare the next one before it is needed."""

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from lunar_rover_sim.base.closing import Closing
 from lunar_rover_sim.base.errors import brief, ConfigError, GroundLeftError, one_line, PhysicsError
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, rotated, tilt_deg
+from lunar_rover_sim.base.freed_memory import return_freed
 from lunar_rover_sim.ground.regolith.looseness import soil_map
 from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.ground.world.follower import Follower
@@ -175,6 +176,8 @@ class Simulation(Closing):
         for old, new in zip(before.warning, self.data.warning):
             new.number, new.lastinfo = old.number, old.lastinfo
         self._observer.motion = motion
+        del model, before, old
+        return_freed()
 
     def command(self, velocity_radps: ArrayLike) -> None:
         """Set the velocity setpoints of the motors, (legs,) [rad/s] in their order.

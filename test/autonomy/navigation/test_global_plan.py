@@ -126,12 +126,18 @@ def test_costs_count_slopes_less_by_what_errors_of_the_map_make():
     assert np.median(tilted) == pytest.approx(1.0 + 6.0 * share ** 2, rel=0.05)
 
 
-def test_known_shadow_is_dear():
-    level = on_map(np.zeros((60, 60)))
-    plan = GlobalPlan(GroundCosts.of(
-        level, is_dark=lambda x, y: (np.abs(x) < 20.0) & (np.abs(y) < 30.0)),
-        (-100.0, 0.0), [(100.0, 0.0)])
-    assert np.abs(np.interp(0.0, *plan.points_m.T)) > 28.0
+def test_the_shadow_of_relief_is_dear():
+    """A ridge of 20 m at y = 0 throws a shadow of 74 m westward, under a sun in the east."""
+    heights = np.zeros((60, 60))
+    heights[20:40, 32:34] = 20.0
+    level = on_map(heights)
+    free, lit = (GroundCosts.of(level, sun_deg=sun) for sun in (None, (0.0, 15.0)))
+    dark = lit.cost > free.cost
+    x, y = (np.arange(60) + 0.5) * 5.0 - 150.0, slice(22, 38)
+    assert dark[y, (x > -60.0) & (x < 5.0)].all() and not dark[y, x < -70.0].any()
+    assert not dark[:, x > 20.0].any() and not dark[:15].any()
+    plan = GlobalPlan(lit, (-30.0, -100.0), [(-30.0, 100.0)])
+    assert np.interp(0.0, plan.points_m[:, 1], plan.points_m[:, 0]) < -60.0
 
 
 def test_a_hole_of_the_map_is_driven_around_and_refused_as_a_goal():

@@ -224,8 +224,25 @@ def test_without_maps_it_waits_and_gives_up():
     rover = made(ground())
     assert rover.step(grid=None).reason == 'no map yet'
     old = Traversability(1, np.array([-4.0, -4.0]), CELL, ground())
-    command = rover.drive(30.0, grid=old)
+    command = rover.drive(90.0, grid=old)
     assert command.failure is Failure.LOST and 'no depth' in command.reason
+
+
+def test_in_the_dark_it_turns_back_and_where_nothing_is_left_to_see_looks_around():
+    """Only behind it is light: neither where it looks, nor where it saw something last."""
+    rover = made(ground())
+    for _ in range(50):
+        rover.step()
+    old = Traversability(rover.now_ns, np.array([-4.0, -4.0]), CELL, rover.cost)
+    rover.step(grid=old)
+    begun, x = rover.yaw, rover.x
+    rover.yaw += 1.0
+    back = [(rover.step(grid=old), rover.yaw)[1] for _ in range(200)]
+    assert abs(back[-1] - begun) < 0.1 and rover.x < x + 0.3
+    while abs(np.remainder(rover.yaw - begun, 2.0 * np.pi) - np.pi) > 0.5:
+        command = rover.step(grid=old)
+        assert command.status == Status.WAITING and command.forward_mps == 0.0
+    assert rover.drive().status == Status.ARRIVED
 
 
 def test_depth_that_stops_stops_the_rover_until_it_comes_again():
