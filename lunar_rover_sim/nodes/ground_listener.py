@@ -48,6 +48,13 @@ def refuse_other_worlds(node: Node, folder: str, world: World, lockstep: bool) -
                              qos.requested(topics.WORLD_HASH, lockstep))
 
 
+def log_window(node: Node, world: World, stamp_ns: int, took_s: float) -> None:
+    """Log that a window was entered, and for how long all else stood still for it."""
+    x, y = world.ground.middle_m
+    node.get_logger().info(f'at {stamp_ns / 1e9:.3f} s in the window around x {x:g} m, y {y:g} m: '
+                           f'{took_s:.2f} s')
+
+
 class WindowListener:
     """The windows of the site in which physics says that the rover is.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import time
 
 from geometry_msgs.msg import PointStamped
 import numpy as np
@@ -18,7 +19,7 @@ from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.moon_place import reported_site
 from lunar_rover_sim.image.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
-from lunar_rover_sim.nodes.ground_listener import load_own_world
+from lunar_rover_sim.nodes.ground_listener import load_own_world, log_window
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.pacing import Stepping, WallPace
 from lunar_rover_sim.nodes.parameters import declare, on_change
@@ -203,11 +204,13 @@ class PhysicsNode(node_main.GraphNode):
         return self._listener.has_all_publishers and self._matching.is_complete
 
     def _advance(self) -> RoverState:
+        begun_s = time.monotonic()
         state = self._simulation.advance(self._steps)
         self._now_ns += self._config.state_period_ns
         if self._simulation.world is not self._window:
             self._window = self._simulation.world
             self._publish_window(self._now_ns)
+            log_window(self, self._window, self._now_ns, time.monotonic() - begun_s)
         if self._ground is not None:
             self._ground.publish(self._now_ns)
         self._requested.publish(state, self._now_ns)

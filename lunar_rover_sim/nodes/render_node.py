@@ -25,7 +25,7 @@ from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.camera_publisher import (CameraPublisher, EXPOSURE, LabelPublisher,
                                                     Periods)
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
-from lunar_rover_sim.nodes.ground_listener import (GroundListener, load_own_world,
+from lunar_rover_sim.nodes.ground_listener import (GroundListener, load_own_world, log_window,
                                                    refuse_other_worlds, WindowListener)
 from lunar_rover_sim.nodes.moving_sun import MovingSun
 from lunar_rover_sim.nodes.node_main import TimeJump
@@ -277,9 +277,11 @@ class RenderNode(node_main.GraphNode):
         wanted = [camera.wanted(frame.due, frame.published) for camera in self._cameras]
         if not any(wanted):
             return False
+        begun_s = time.monotonic()
         world = self._windows.at(frame.stamp_ns)
         if world is not None:
             self._enter(world)
+            log_window(self, world, frame.stamp_ns, time.monotonic() - begun_s)
         elif (coming := self._windows.ahead(*frame.state.T_world_base[:2, 3].tolist())):
             self._renderer.ahead(coming)
         if self._ground.is_known and not self._begun and not self._renderer.follows:

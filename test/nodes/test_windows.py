@@ -57,6 +57,19 @@ def test_a_window_is_entered_at_its_stamp_and_once(monkeypatch):
     assert told.site.entered_m == [(12.8, 0.0), (25.6, 12.8)]
 
 
+def test_who_draws_can_begin_before_physics_enters_the_next_window(monkeypatch):
+    told = Told(monkeypatch, lockstep=True)
+    told.tell(0, 0.0)
+    assert told.listener.ahead(3.0, 0.0) is None and told.site.entered_m == []
+    told.listener.ahead(8.0, 0.0)
+    told.listener._follower._coming[1].result(10.0)
+    coming = told.listener.ahead(8.1, 0.0)
+    assert coming.ground.middle_m == (12.8, 0.0)
+    told.tell(100, 12.8)
+    assert told.listener.at(100) is coming and told.site.entered_m == [(12.8, 0.0)]
+    assert told.listener.ahead(12.8, 0.0) is None       # it begins anew from there
+
+
 def test_after_time_has_begun_anew_what_was_told_for_later_does_not_hold(monkeypatch):
     told = Told(monkeypatch, lockstep=True)
     told.tell(0, 0.0)

@@ -260,7 +260,9 @@ class Renderer:
     def _prepared(self, world: World) -> tuple[DrawnWindow, WorldLight]:
         """Return all of a window that needs no GL."""
         window = DrawnWindow.of(world, self.config)
-        return window, window.light(self.config, self.seed)
+        light = window.light(self.config, self.seed)
+        return_freed()
+        return window, light
 
     # What is in it
 
