@@ -19,6 +19,7 @@ BYTES_PER_PIXEL = {BAYER8: 1, BAYER16: 2, 'mono8': 1, '8UC1': 1, 'mono16': 2, '1
                    'rgb8': 3, 'bgr8': 3, 'rgba8': 4, 'bgra8': 4, '32FC1': 4, '32FC2': 8,
                    '32FC3': 12}
 QUATERNION_TOLERANCE = 1e-6
+_ROUNDING = 1e-9        # of a covariance, as a share of its largest element
 
 _FLOATS = ('float32', 'float64')
 # NaN, or infinity, is what their definitions ask for where something is not measured.
@@ -152,6 +153,18 @@ def disparity_problem(message: Any) -> str:
         return f'encoding {message.image.encoding!r}; valid is 32FC1'
     return image_problem(message.image) or (
         '' if np.all(np.isfinite(pixels(message.image))) else 'pixels are NaN or infinite')
+
+
+def covariance_problem(path: str) -> Callable[[Any], str]:
+    """Return a check that a 6 x 6 covariance is symmetric and has no negative variance."""
+    def problem(message: Any) -> str:
+        P = np.reshape(np.asarray(_get(message, path), float), (6, 6))
+        size = np.abs(P).max()
+        if np.abs(P - P.T).max() > _ROUNDING * size:
+            return f'{path} is not symmetric'
+        low = float(np.linalg.eigvalsh(P)[0])
+        return f'{path} has a variance of {low:.2g} < 0' if low < -_ROUNDING * size else ''
+    return problem
 
 
 def quaternion_problem(name: str) -> Callable[[Any], str]:

@@ -257,6 +257,9 @@ DIAGNOSTICS = Topic('diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', EVENT,
                     in_all=False)
 SLAM_POSE = Topic('slam/pose', 'geometry_msgs/msg/PoseStamped', EVENT, 'slam_node', '',
                   'of the left camera in the map of the program, for every tracked frame')
+SLAM_COVARIANCE = Topic('slam/pose_with_covariance',
+                        'geometry_msgs/msg/PoseWithCovarianceStamped', EVENT, 'slam_node', '',
+                        'the same with its covariance, where slam_node.system is graph')
 SLAM_STATUS = Topic('slam/status', 'diagnostic_msgs/msg/DiagnosticArray', FRAME, 'slam_node', '',
                     'initialising, tracking or lost, with the stamp of the frame; in lockstep of '
                     'every frame')
@@ -290,8 +293,8 @@ CONTRACT: tuple[Topic, ...] = (
     SHADOW, NORMALS, OPTICAL_FLOW, SCENE_FLOW, *OF_RIGHT, *OF_COLOURS, LABEL_INFO, BOXES,
     MISCALIBRATION, LABEL_CLASSES, VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD,
     *OF_LIDAR, LIDAR_SCANNED, SUN, WORLD_HASH, WORLD_WINDOW, ROBOT_DESCRIPTION, SCENARIO, TF,
-    TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TRAVERSABILITY, ELEVATION, GRID_MAP,
-    PLAN, GLOBAL_PLAN, GOAL, NAVIGATOR_STATUS, NAVIGATED)
+    TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_COVARIANCE, SLAM_STATUS, TRAVERSABILITY,
+    ELEVATION, GRID_MAP, PLAN, GLOBAL_PLAN, GOAL, NAVIGATOR_STATUS, NAVIGATED)
 # Latched topics of what changes: sent again then, and none of it is to be lost.
 CHANGING: tuple[Topic, ...] = (SUN, NAVIGATOR_STATUS, GLOBAL_PLAN, WORLD_WINDOW)
 # What the navigator reads; its users publish it.

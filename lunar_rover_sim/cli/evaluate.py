@@ -16,10 +16,12 @@ from lunar_rover_sim.judge.evaluation.drive_evaluation import evaluate_drive
 from lunar_rover_sim.judge.evaluation.map_evaluation import CELL_M, evaluate_maps, NEAR_M, Rates
 from lunar_rover_sim.judge.evaluation.registration import MODES
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate, Evaluation
+from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum_covariance
 from lunar_rover_sim.judge.evaluation.trajectory_plots import save_plots
-from lunar_rover_sim.judge.evaluation.trajectory_sources import bag_of
+from lunar_rover_sim.judge.evaluation.trajectory_sources import bag_of, load
 from lunar_rover_sim.run.recorded_run import FRAMES
 
+TOLD = 'estimate_covariance.txt'
 _ODD_SCALE = 0.1     # of a metric estimate that is no failure, the scale is nearer to 1
 
 
@@ -62,7 +64,8 @@ def check_bounds(ate_m: float, tracked_share: float, max_ate: float | None,
               help='time between the poses of a pair for RPE [s]')
 @click.option('--times', type=options.PATH, metavar='FILE',
               help='stamps of KITTI files, one a line')
-@options.folder('folder for evaluation.json and plots', required=False)
+@options.folder('folder for evaluation.json, plots and, of an estimate with covariances, '
+                f'{TOLD} (TUM and 21 columns)', required=False)
 @bounds
 @options.as_json
 def trajectory(truth: str, estimate: str, align: str, truth_frame: str, estimate_frame: str,
@@ -84,6 +87,10 @@ def trajectory(truth: str, estimate: str, align: str, truth_frame: str, estimate
         paths = save_plots(result, output, bag_of(truth))
         atomic_write(json_path, json_text(result.to_mapping()) + '\n', EvaluationError)
         written = (json_path, *paths)
+        told = load(estimate, times)
+        if told.covariances is not None:
+            write_tum_covariance(output / TOLD, told)
+            written = (*written, output / TOLD)
     if as_json:
         print_json(result.to_mapping())
         check_bounds(result.ate_m.rmse, result.tracked_share, max_ate, min_tracked)

@@ -72,7 +72,8 @@ def _route(text: str) -> str | list[tuple[float, float]]:
 @click.option('--avoid', is_flag=True, help='with --route: around obstacles, by what the cameras '
               'see, from one waypoint of it to the next')
 @click.option('--slam', metavar='COMMAND', help='SLAM program to feed, with its '
-              'arguments; it speaks the protocol of docs/reference/slam_protocol.md')
+              'arguments; it speaks the protocol of docs/reference/slam_protocol.md. Or graph: '
+              'the odometry with a memory')
 @click.option('--view', type=int, is_flag=False, flag_value=VIEW_PORT, metavar='[PORT]',
               help='show the run in a browser while it goes on, at this port of this machine '
               f'(default: {VIEW_PORT}); Foxglove and Lichtblick may connect to it too')

@@ -15,8 +15,8 @@ import math
 from typing import Any, TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import (AccelStamped, Point, PoseStamped, Quaternion, Twist, TwistStamped,
-                               Vector3, WrenchStamped)
+from geometry_msgs.msg import (AccelStamped, Point, PoseStamped, PoseWithCovarianceStamped,
+                               Quaternion, Twist, TwistStamped, Vector3, WrenchStamped)
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.serialization import deserialize_message
@@ -230,6 +230,17 @@ def pose_stamped(T_world_body: Array, frame_id: str, stamp: Time) -> PoseStamped
     _set_header(msg.header, stamp, frame_id)
     set_vector(msg.pose.position, T_world_body[:3, 3])
     _set_quaternion(msg.pose.orientation, frames.wxyz_from_matrix(T_world_body[:3, :3]))
+    return msg
+
+
+def pose_with_covariance(T_world_body: Array, covariance: Array, frame_id: str,
+                         stamp: Time) -> PoseWithCovarianceStamped:
+    """Return a (4, 4) pose and the (6, 6) covariance about fixed axes as a message."""
+    msg = PoseWithCovarianceStamped()
+    _set_header(msg.header, stamp, frame_id)
+    set_vector(msg.pose.pose.position, T_world_body[:3, 3])
+    _set_quaternion(msg.pose.pose.orientation, frames.wxyz_from_matrix(T_world_body[:3, :3]))
+    msg.pose.covariance = covariance.ravel()
     return msg
 
 

@@ -1,15 +1,16 @@
-"""slam_node: images to a SLAM program over pipes, and its poses to the graph."""
+"""slam_node: images to a SLAM program over pipes, or to the odometry with a memory; its poses."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 import numpy as np
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import Image, Imu
@@ -22,6 +23,8 @@ from lunar_rover_sim.base.frames import matrix_from_wxyz, se3
 from lunar_rover_sim.image.camera.encoding import eight_bits, ENCODINGS
 from lunar_rover_sim.image.stereo.points import grey
 from lunar_rover_sim.judge.slam import protocol
+from lunar_rover_sim.judge.slam.graph.collected import AIDS
+from lunar_rover_sim.judge.slam.graph.in_process import GraphTracker
 from lunar_rover_sim.judge.slam.program import command_words, program_settings, SlamProgram
 from lunar_rover_sim.judge.slam.protocol import FrameSet
 from lunar_rover_sim.nodes import conversions, node_main, qos
@@ -58,7 +61,6 @@ class SlamNode(node_main.GraphNode):
         self._drops, self._state = Drops(), protocol.INITIALISING
         self._latencies_s: list[float] = []
         self._frames = [0] * len(protocol.STATES)       # answered, by their state
-        self._folder = TemporaryDirectory(prefix='slam_node_')
         if config.has_imu and abs(config.gravity_mps2 - _COMPILED_MPS2) > 0.1 \
                 and '{wheel}' not in config.command:    # which is told of it
             self.get_logger().warning(
@@ -67,15 +69,27 @@ class SlamNode(node_main.GraphNode):
                 ' from the IMU unless it is built with the other value')
         suite = described_sensors(load_rover(config.rover or None), config.camera, config.imu,
                                   config.frame_rate_hz, config.imu_rate_hz, config.gravity_mps2)
-        self._program = SlamProgram(
-            command_words(config.command, suite, config.sensor, Path(self._folder.name)),
+        self._owned = ExitStack()
+        self._graph = GraphTracker(suite, self.wake_later, self.get_logger().info) \
+            if config.is_graph else None
+        self._program = self._graph or SlamProgram(
+            command_words(config.command, suite, config.sensor, Path(self._owned.enter_context(
+                TemporaryDirectory(prefix='slam_node_')))),
             program_settings(suite, config.sensor, config.lockstep), config.ready_s,
             config.answer_s, self.wake_later)
+        self._owned.callback(self._program.close)
+        if self._graph is not None and self._graph.note:
+            self.get_logger().warning(self._graph.note)
         # The publisher of the status is made when the program is ready: time waits for it.
         self._status: Publisher | None = None
         self._matching: ReaderDiscovery | None = None
         self._pose = self.create_publisher(PoseStamped, topics.SLAM_POSE.name,
                                            qos.offered(topics.SLAM_POSE))
+        self._covariance = None
+        if self._graph is not None and not self._graph.note:
+            self._covariance = self.create_publisher(
+                PoseWithCovarianceStamped, topics.SLAM_COVARIANCE.name,
+                qos.offered(topics.SLAM_COVARIANCE))
         self._tf = None
         if config.publish_tf:
             self._tf = self.create_publisher(message_class(topics.TF.type), topics.TF.name,
@@ -87,18 +101,25 @@ class SlamNode(node_main.GraphNode):
         if config.has_imu:
             self.create_subscription(Imu, topics.IMU_RAW.name, self._imu_callback,
                                      qos.requested(topics.IMU_RAW, lockstep=True))
+        if self._graph is not None:
+            for topic in AIDS:
+                self.create_subscription(
+                    message_class(topic.type), topic.name,
+                    lambda msg, topic=topic: self._aid_callback(topic, msg),
+                    qos.requested(topic, lockstep=True))
         Diagnostics(self, {'Tracking': self._tracking_status, 'Drops': self._drops.status})
         self.report_ready(config, waits=[topic.name for topic in self._sides])
 
     def close(self) -> None:
         """End the program, and say how it went."""
-        self._program.close()
-        self._folder.cleanup()
+        self._owned.close()
         counts = ', '.join(f'{count} {state}'
                            for state, count in zip(protocol.STATES, self._frames))
         self.get_logger().info(f'{sum(self._frames)} frames answered: {counts}; '
                                f'{self._drops.total} left out; latency '
                                f'{_median_ms(self._latencies_s)} ms in the median')
+        if self._graph is not None and self._graph.words:
+            self.get_logger().info(self._graph.words)
 
     # Input
 
@@ -108,6 +129,9 @@ class SlamNode(node_main.GraphNode):
             self._open.clear()
             self._waiting.clear()
             self._imu.clear()
+            if self._graph is not None:
+                raise GraphError('simulated time has gone back: the graph knows one drive; start '
+                                 'slam_node anew')
         if msg.encoding not in ENCODINGS:
             raise GraphError(f'{side}: encoding {msg.encoding!r} is not valid for slam_node; '
                              f'valid are {", ".join(ENCODINGS)}')
@@ -133,6 +157,12 @@ class SlamNode(node_main.GraphNode):
         if self._waiting:
             self.wake()
 
+    def _aid_callback(self, topic: topics.Topic, msg: Any) -> None:
+        assert self._graph is not None
+        self._graph.collected.add(topic, msg)
+        if self._waiting:
+            self.wake()
+
     # Output
 
     def work(self) -> None:
@@ -145,10 +175,10 @@ class SlamNode(node_main.GraphNode):
         if self._status is None:
             self._begin()
         assert self._matching is not None
-        if self._waiting and self._matching.is_complete and self._has_imu_until(
+        if self._waiting and self._matching.is_complete and self._has_all_until(
                 self._waiting[0].stamp_ns):
             frames = self._waiting.popleft()
-            if self._config.has_imu:
+            if isinstance(self._program, SlamProgram) and self._config.has_imu:
                 samples = []
                 while self._imu and self._imu[0][0] <= frames.stamp_ns:
                     samples.append(self._imu.popleft())
@@ -159,11 +189,15 @@ class SlamNode(node_main.GraphNode):
         self._status = self.create_publisher(DiagnosticArray, topics.SLAM_STATUS.name,
                                              qos.offered(topics.SLAM_STATUS))
         self._matching = ReaderDiscovery(
-            self, [self._pose, self._status],
+            self, [self._pose, self._status,
+                   *([] if self._covariance is None else [self._covariance])],
             self._config.participants if self._config.lockstep else ())
         self.get_logger().info('the program is ready')
 
-    def _has_imu_until(self, stamp_ns: int) -> bool:
+    def _has_all_until(self, stamp_ns: int) -> bool:
+        if self._graph is not None:
+            # In real time what has come must do: not all rovers have all of it.
+            return not self._config.lockstep or self._graph.collected.has_until(stamp_ns)
         return not self._config.has_imu or bool(self._imu) and self._imu[-1][0] >= stamp_ns
 
     def _publish(self, pose: protocol.TrackedPose, latency_s: float) -> None:
@@ -174,6 +208,9 @@ class SlamNode(node_main.GraphNode):
         if pose.state == protocol.TRACKING:
             T = se3(matrix_from_wxyz(pose.wxyz), pose.position_m)
             self._pose.publish(conversions.pose_stamped(T, self._config.frame_id, stamp))
+            if self._covariance is not None and pose.covariance is not None:
+                self._covariance.publish(conversions.pose_with_covariance(
+                    T, pose.covariance, self._config.frame_id, stamp))
             if self._tf is not None:
                 self._tf.publish(tf_message(
                     [(self._config.frame_id, self._config.child_frame_id, T)], pose.stamp_ns))

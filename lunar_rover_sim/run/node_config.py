@@ -285,6 +285,9 @@ class RecorderNodeConfig(NodeConfig, RecorderConfig):
 class SlamNodeConfig(NodeConfig):
     """Parameters of slam_node."""
 
+    system: str = param('command', 'command: the program of `command`; graph: the odometry with '
+                        'a memory, which needs GTSAM and tells its covariance',
+                        choices=('command', 'graph'))
     command: str = param('', 'program that speaks the protocol of '
                          'docs/reference/slam_protocol.md, and its arguments; {settings} is a '
                          'settings file of ORB-SLAM3, {wheel} the packaged program for a Python '
@@ -306,6 +309,21 @@ class SlamNodeConfig(NodeConfig):
     imu_rate_hz: int = param(200, 'of the IMU', unit='Hz', low=1, high=1000)
     gravity_mps2: float = param(MOON_MPS2, 'that the IMU feels; a run sets it', unit='m/s^2',
                                 low=0.0, high=30.0)
+
+    def validate(self) -> None:
+        """Raise ConfigError where parameters do not go together."""
+        super().validate()
+        if self.is_graph and self.sensor != 'stereo':
+            raise ConfigError(f'sensor: {self.sensor!r} is not valid with system graph; valid is '
+                              'stereo')
+        if self.is_graph and self.command:
+            raise ConfigError(f'command: {self.command!r} is not valid with system graph, which '
+                              "starts no program; valid is ''")
+
+    @property
+    def is_graph(self) -> bool:
+        """Whether it is the graph, and no program."""
+        return self.system == 'graph'
 
     @property
     def is_stereo(self) -> bool:

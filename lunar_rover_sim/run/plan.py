@@ -202,9 +202,16 @@ def _records_scans(scenario: Scenario) -> bool:
 
 
 def with_slam(scenario: Scenario, command: str) -> Scenario:
-    """Return the scenario with slam_node, which starts `command`, among its nodes."""
+    """Return the scenario with slam_node among its nodes.
+
+    Args:
+        command: The program that it starts, or `graph` for its own.
+    """
     nodes = tuple(dict.fromkeys((*scenario.run.nodes, 'slam_node')))
-    return replaced(scenario, {'run.nodes': nodes, 'slam_node.command': command})
+    is_graph = command == 'graph'
+    return replaced(scenario, {
+        'run.nodes': nodes, 'slam_node.system': 'graph' if is_graph else 'command',
+        'slam_node.command': '' if is_graph else command})
 
 
 def without_node(scenario: Scenario, name: str) -> Scenario:

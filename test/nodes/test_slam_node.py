@@ -1,6 +1,8 @@
 """slam_node: a program over pipes, beside the whole graph and beside a plain publisher."""
 
+import dataclasses
 import json
+import math
 from pathlib import Path
 import shlex
 import subprocess
@@ -9,6 +11,7 @@ import time
 from typing import Any
 
 from conftest import PLAIN, simulate, TINY
+from judge.slam import closed_way
 import numpy as np
 import pytest
 from waiting import LIMIT_S
@@ -17,15 +20,23 @@ pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402  (needs rclpy)
-from geometry_msgs.msg import PoseStamped  # noqa: E402
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped  # noqa: E402
+from nav_msgs.msg import Odometry  # noqa: E402
 from peer import Peer, running  # noqa: E402
 from sensor_msgs.msg import Image, Imu  # noqa: E402
 
-from lunar_rover_sim.bag.messages import header_ns  # noqa: E402
+from lunar_rover_sim.bag.messages import header_ns, xyz  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
+from lunar_rover_sim.base.frames import wxyz_from_matrix  # noqa: E402
+from lunar_rover_sim.cli.main import execute  # noqa: E402
+from lunar_rover_sim.image.camera.config import CameraConfig  # noqa: E402
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate  # noqa: E402
 from lunar_rover_sim.judge.evaluation.trajectory_sources import load  # noqa: E402
+from lunar_rover_sim.judge.slam.graph import from_bag  # noqa: E402
 from lunar_rover_sim.products.inspection.check import check  # noqa: E402
+from lunar_rover_sim.products.sequences.sensors import described_sensors  # noqa: E402
+from lunar_rover_sim.rover.rover_file import load_rover  # noqa: E402
+from lunar_rover_sim.sensors.imu import ImuConfig  # noqa: E402
 
 PERIOD_NS = 5_000_000   # of the IMU
 # Notes what it is given; each frame waits for a file of the number of frames so far.
@@ -68,6 +79,8 @@ class Feeder:
         self._sides = [node.create_publisher(Image, f'stereo/{side}/image_raw', 10)
                        for side in ('left', 'right')]
         self._imu = node.create_publisher(Imu, 'imu/data_raw', 500)
+        self._wheels = node.create_publisher(Odometry, 'wheel/odometry', 10)
+        self._stars = node.create_publisher(Imu, 'star_tracker/attitude', 10)
         self.is_connected = lambda: all(p.get_subscription_count() == 1
                                         for p in (*self._sides, self._imu))
         self._next_ns = 0
@@ -78,6 +91,37 @@ class Feeder:
                         data=bytes([10 * level]) * (64 * 48))
             _stamp(msg, stamp_ms * 1_000_000)
             publisher.publish(msg)
+
+    def step(self, step: closed_way.Step) -> None:
+        """Publish what comes with a step of `closed_way`, but for the sun."""
+        inertial, wheels, stars = step.aids.inertial, step.aids.wheels, step.aids.stars
+        assert inertial is not None and wheels is not None
+        if stars is not None:
+            msg = Imu(orientation_covariance=stars.covariance_rad2.ravel())
+            q = msg.orientation
+            q.w, q.x, q.y, q.z = wxyz_from_matrix(stars.R_map_base).tolist()
+            _stamp(msg, step.stamp_ns)
+            self._stars.publish(msg)
+        for ns, rate, force in zip(*inertial):
+            msg = Imu()
+            a, w = msg.linear_acceleration, msg.angular_velocity
+            (a.x, a.y, a.z), (w.x, w.y, w.z) = force.tolist(), rate.tolist()
+            _stamp(msg, int(ns))
+            self._imu.publish(msg)
+        for side, image in zip(self._sides, (step.left, step.right)):
+            assert image is not None
+            msg = Image(width=320, height=240, step=320, encoding='mono8', data=image.tobytes())
+            _stamp(msg, step.stamp_ns)
+            side.publish(msg)
+        odometry = Odometry()
+        pose = odometry.pose.pose
+        pose.position.x, pose.position.y, yaw = wheels.pose.tolist()
+        pose.orientation.w, pose.orientation.z = math.cos(yaw / 2), math.sin(yaw / 2)
+        covariance = np.zeros((6, 6))
+        covariance[np.ix_([0, 1, 5], [0, 1, 5])] = wheels.covariance
+        odometry.pose.covariance = covariance.ravel()
+        _stamp(odometry, step.stamp_ns)
+        self._wheels.publish(odometry)
 
     def imu_until(self, stamp_ms: int) -> None:
         while self._next_ns <= stamp_ms * 1_000_000:
@@ -225,6 +269,101 @@ def test_in_lockstep_every_frame_is_tracked(tmp_path: Path, world_folder: Path) 
     log = (tmp_path / 'run' / 'logs' / 'slam_node.log').read_text()
     assert '10 frames answered: 0 initialising, 10 tracking, 0 lost; 0 left out' in log
     assert 'slam: 10 frames answered: 10 tracking' in finished.stdout
+
+
+# What the graph says is recorded with all that `all` takes; images are small and few.
+WITH_GRAPH = ('--slam', 'graph', *RECORDED[2:], '--set', 'recorder_node.topics=[odom, '
+              'stereo/left/camera_info, slam/pose, slam/pose_with_covariance, slam/status, '
+              'world_hash, scenario]')
+
+
+def test_the_graph_tells_its_covariance_in_lockstep(tmp_path: Path, world_folder: Path) -> None:
+    """Every frame has a pose with covariance, which is recorded, checked, judged and exported."""
+    pytest.importorskip('gtsam')
+    finished = simulate(tmp_path / 'run', '--duration', '3', *WITH_GRAPH,
+                        '--set', 'render_node.frame_rate_hz=2')
+    assert finished.returncode == 0, finished.stdout + finished.stderr
+    bag = tmp_path / 'run' / 'bag'
+    with open_bag(bag) as opened:
+        frames = [opened.stamp_ns(m) for m in opened.raw(['/stereo/left/camera_info'])]
+        assert [opened.stamp_ns(m) for m in opened.raw(['/slam/status'])] == frames
+    assert len(frames) == 6 and not check(bag).failed
+    told, plain = load(f'{bag}:/slam/pose_with_covariance'), load(f'{bag}:/slam/pose')
+    assert told.stamps_ns.tolist() == frames == plain.stamps_ns.tolist()
+    np.testing.assert_array_equal(told.positions_m, plain.positions_m)
+    assert told.covariances is not None and plain.covariances is None
+    deviations = np.sqrt(np.linalg.eigvalsh(told.covariances[:, :3, :3])[:, -1])
+    assert deviations[0] < deviations[-1] < 0.1
+    assert execute(['evaluate', str(bag), f'{bag}:/slam/pose_with_covariance',
+                    '--estimate-frame', 'left', '-o', str(tmp_path / 'judged')]) == 0
+    again = load(tmp_path / 'judged' / 'estimate_covariance.txt')
+    np.testing.assert_allclose(again.covariances, told.covariances, rtol=1e-12)
+    judged = evaluate(bag, told, align='origin', estimate_frame='left')
+    assert judged.consistency is not None and judged.ate_m.rmse < 0.03
+    log = (tmp_path / 'run' / 'logs' / 'slam_node.log').read_text()
+    assert '6 frames answered: 0 initialising, 6 tracking, 0 lost; 0 left out' in log
+    assert 'keyframes of 6 frames' in log
+
+
+def test_the_graph_says_live_what_it_says_of_a_bag(peer: Peer) -> None:
+    """Poses and covariances are those of the odometry itself, given the same."""
+    pytest.importorskip('gtsam')
+    steps = [dataclasses.replace(step, aids=dataclasses.replace(step.aids, sun=None))
+             for step in closed_way.drive(laps=0.1, heading=True)]
+    feeder = Feeder(peer)
+    told = peer.listen(PoseWithCovarianceStamped, 'slam/pose_with_covariance')
+    camera = ('camera.width:=320', 'camera.height:=240')
+    with running('slam_node', '-p', 'system:=graph', '-p', 'time_mode:=lockstep',
+                 *(word for setting in camera for word in ('-p', setting))):
+        peer.spin_until(lambda: peer.node.count_publishers('slam/status') > 0
+                        and feeder.is_connected())
+        for count, step in enumerate(steps, 1):
+            feeder.step(step)
+            peer.spin_until(lambda count=count: len(told) == count)
+    suite = described_sensors(load_rover(None), CameraConfig(width=320, height=240), ImuConfig(),
+                              20.0, 200, 1.62)
+    graph = from_bag.odometry_of(suite)
+    for message, step in zip(told, steps, strict=True):
+        located = graph.add(*step.given)
+        assert located is not None and header_ns(message) == step.stamp_ns
+        np.testing.assert_allclose(xyz(message.pose.pose.position), located.T_map_left[:3, 3],
+                                   atol=1e-6)
+        np.testing.assert_allclose(np.reshape(message.pose.covariance, (6, 6)),
+                                   located.covariance, rtol=1e-3, atol=1e-9)
+
+
+def test_without_gtsam_the_graph_says_so_in_a_line_and_is_the_window(peer: Peer) -> None:
+    """The node tracks without covariances."""
+    feeder = Feeder(peer)
+    statuses = peer.listen(DiagnosticArray, 'slam/status')
+    hidden = ('import sys; sys.modules["gtsam"] = None; '
+              'from lunar_rover_sim.nodes.entry_points import main; main()')
+    with subprocess.Popen(
+            [sys.executable, '-c', hidden, 'slam_node', '--ros-args', '-p', 'system:=graph'],
+            stderr=subprocess.PIPE, text=True) as node:
+        try:
+            peer.spin_until(lambda: peer.node.count_publishers('slam/status') > 0
+                            and feeder.is_connected())
+            assert peer.node.count_publishers('slam/pose_with_covariance') == 0
+            feeder.frame(50)
+            peer.spin_until(lambda: len(statuses) == 1)
+        finally:
+            node.terminate()
+            _, said = node.communicate(timeout=LIMIT_S)
+    lines = [line for line in said.splitlines() if 'GTSAM' in line]
+    assert len(lines) == 1 and 'this is the window of the reference' in lines[0]
+    assert statuses[0].status[0].message == 'initialising'      # it has seen grey
+
+
+@pytest.mark.parametrize(('parameters', 'word'), [
+    (('sensor:=mono',), "sensor: 'mono' is not valid with system graph"),
+    (('command:=ls',), "command: 'ls' is not valid with system graph")])
+def test_what_the_graph_cannot_use_is_one_line(parameters: tuple[str, ...], word: str) -> None:
+    ended = subprocess.run(
+        [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', 'slam_node', '--ros-args',
+         '-p', 'system:=graph', *(w for p in parameters for w in ('-p', p))],
+        capture_output=True, text=True, timeout=LIMIT_S)
+    assert ended.returncode == 1 and word in ended.stderr
 
 
 def test_a_program_that_crashes_ends_the_run(tmp_path: Path, world_folder: Path) -> None:

@@ -66,12 +66,15 @@ class TrackedPose:
     Attributes:
         state: INITIALISING, TRACKING or LOST; only with TRACKING the pose means anything.
         position_m, wxyz: (3,), (4,) of the left camera in the map of the program.
+        covariance: (6, 6) of x, y, z [m] and of the turn about the map's axes [rad]; None from
+            a program, which has no message for it.
     """
 
     stamp_ns: int
     state: int
     position_m: tuple[float, ...] = (0.0, 0.0, 0.0)
     wxyz: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
+    covariance: NDArray[np.float64] | None = None
 
 
 def packed(kind: int, body: bytes = b'') -> bytes:

@@ -30,6 +30,8 @@ _CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
     topics.ODOM.name: (message_validity.quaternion_problem('pose.pose.orientation'),),
     topics.TRUE_ODOM.name: (message_validity.quaternion_problem('pose.pose.orientation'),),
     topics.IMU_TRUTH.name: (message_validity.quaternion_problem('orientation'),),
+    topics.SLAM_COVARIANCE.name: (message_validity.quaternion_problem('pose.pose.orientation'),
+                                  message_validity.covariance_problem('pose.covariance')),
     topics.JOINT_STATES.name: (message_validity.joints_problem,),
     topics.JOINT_COMMANDS.name: (message_validity.joints_problem,),
     topics.LEFT_IMAGE.name: (message_validity.image_problem,),
