@@ -11,12 +11,12 @@ from lunar_rover_sim.base.files.paths import make_new_folder
 from lunar_rover_sim.base.gravity import EARTH_MPS2, MOON_MPS2
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
+from lunar_rover_sim.judge.studies import ground_comparison
 from lunar_rover_sim.judge.studies import locomotion as pitch
-from lunar_rover_sim.judge.studies import locomotion_grounds, locomotion_report, terramechanics
 from lunar_rover_sim.judge.studies.gait_measurement import (COMMANDS, CommandTracking,
                                                             measure_commands, MeasurementSettings)
-from lunar_rover_sim.judge.studies.locomotion import read_curve, STEADY_FROM_S
-from lunar_rover_sim.judge.studies.terramechanics import Ground
+from lunar_rover_sim.judge.studies.locomotion import STEADY_FROM_S
+from lunar_rover_sim.judge.studies.terramechanics import Ground, WalkSettings
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -33,9 +33,6 @@ GROUNDS = ('rigid', 'highland', 'highland_loose')
                  default=(MOON_MPS2, EARTH_MPS2), metavar='G...', help='gravities [m/s²]')
 @options.bounded('--duration', STEADY_FROM_S + 2.0, unit='s', above=True, default=30.0,
                  metavar='S', help='length of each walk')
-@click.option('--overlay', type=options.PATH, multiple=True, metavar='CSV', help='another pitch '
-              'curve, time [s] and pitch [deg], that starts 1 s before its command; may be '
-              'repeated')
 @click.option('--no-commands', is_flag=True, help='leave out the grid of velocity commands')
 @options.several('--grounds', default=GROUNDS, none=True, metavar='NAME...', help='grounds to '
                  'compare with the first one, by straight walks over the relief of regolith: '
@@ -43,8 +40,8 @@ GROUNDS = ('rigid', 'highland', 'highland_loose')
 @options.bounded('--seeds', 1, kind=int, default=8, help='number of such worlds')
 @options.workers('processes that share the grid of commands', None)
 def locomotion(scenario: str, overrides: list[str], output: Path, speeds: Sequence[float],
-               gravities: Sequence[float], duration: float, overlay: Sequence[Path],
-               no_commands: bool, grounds: Sequence[str], seeds: int, workers: int) -> int:
+               gravities: Sequence[float], duration: float, no_commands: bool,
+               grounds: Sequence[str], seeds: int, workers: int) -> int:
     """Measure the pitch of the walk, and how well commands are followed.
 
     Drives the same velocities on flat ground through gait and contact and through a velocity
@@ -58,7 +55,6 @@ def locomotion(scenario: str, overrides: list[str], output: Path, speeds: Sequen
     loaded = Scenario.load(scenario, overrides)
     gait, physics = loaded.gait_controller_node, loaded.physics_node
     table = GaitCalibration.of(gait, physics.ground.name, loaded.rover.name)
-    overlays = [read_curve(path) for path in overlay]
     make_new_folder(output)
 
     tracking: list[CommandTracking] = []
@@ -71,15 +67,15 @@ def locomotion(scenario: str, overrides: list[str], output: Path, speeds: Sequen
             tracking = measure_commands(
                 COMMANDS, table, MeasurementSettings(loaded.rover, physics, gait), workers,
                 progress)
-        walks: locomotion_grounds.Walks = {}
+        walks: ground_comparison.Walks = {}
         if grounds:
             progress.start('walking on soft ground')
-            walks = locomotion_grounds.study(
-                terramechanics.WalkSettings(loaded.rover, physics, gait), grounds,
-                sorted(set(speeds)), range(1, seeds + 1), workers, progress)
-    text = locomotion_report.write_all(cases, overlays, tracking, output)
+            walks = ground_comparison.walk_study(
+                WalkSettings(loaded.rover, physics, gait), grounds, sorted(set(speeds)),
+                range(1, seeds + 1), workers, progress)
+    text = pitch.write_all(cases, tracking, output)
     if walks:
-        text += '\n' + locomotion_grounds.write_all(walks, output)
+        text += '\n' + ground_comparison.write_walks(walks, output)
     print_markdown(text)
     say(f'written: {output}')
     return 0 if all(each.followed for each in tracking) else 1

@@ -9,10 +9,9 @@ from pathlib import Path
 from lunar_rover_sim.base.files.paths import make_new_folder
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
-from lunar_rover_sim.judge.studies import terramechanics_report
 from lunar_rover_sim.judge.studies.study_folder import map_in_processes
 from lunar_rover_sim.judge.studies.terramechanics import (Ground, GROUNDS, measure, PULLS, SKIP_S,
-                                                          SLOPES_DEG, WalkSettings)
+                                                          SLOPES_DEG, WalkSettings, write_all)
 from lunar_rover_sim.run.scenario import Scenario
 
 
@@ -46,7 +45,7 @@ def terramechanics(scenario: str, overrides: list[str], grounds: Sequence[str], 
     with Progress('walking') as progress:
         walks = map_in_processes(functools.partial(measure, settings), cases, workers,
                                  lambda _, done, total: progress(done, total))
-    text = terramechanics_report.write_all(walks, output)
+    text = write_all(walks, output)
     print_markdown(text)
     say(f'written: {output}')
     return 0

@@ -49,7 +49,7 @@ INPUTS = [
     'slam settings {folder} -o {new}', 'slam run {folder} -o {new}', 'slam run {file} -o {new}',
     'slam table {folder} -o {new}', 'slam table {file} -o {new}', 'slam table {none} -o {new}',
     'validate imu --set {folder} -o {new}.png', 'validate stereo {folder} -o {new}',
-    'validate locomotion --overlay {folder} -o {new}', 'validate traverse {folder} -o {new}',
+    'validate traverse {folder} -o {new}',
     'validate policy {file}', 'validate policy {folder}', 'validate policy {none}.onnx',
     'validate learning {file} -o {new}', 'run flat --policy {file} -o {new}',
     'validate terramechanics {folder} -o {new}', 'world info {file}', 'world info {folder}',

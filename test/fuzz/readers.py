@@ -35,7 +35,6 @@ from lunar_rover_sim.judge.evaluation.image_layouts import open_images
 from lunar_rover_sim.judge.evaluation.trajectory_files import read_kitti, read_trajectory
 from lunar_rover_sim.judge.slam import euroc_reader
 from lunar_rover_sim.judge.slam.table import read_paper
-from lunar_rover_sim.judge.studies.locomotion import read_curve
 from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
 from lunar_rover_sim.rover.gait.config import GaitConfig
@@ -137,12 +136,6 @@ def read_trajectories(folder: Path, _valid: Path, file: Path, _rng: random.Rando
           'a quaternion has not length 1')
 
 
-def read_pitch(_folder: Path, _valid: Path, file: Path, _rng: random.Random) -> None:
-    """Time increases in even steps, pitch is finite."""
-    curve = read_curve(file)
-    claim(np.isfinite(curve.pitch_deg).all() and (np.diff(curve.time_s) > 0.0).all(), f'{curve}')
-
-
 def read_sequence(folder: Path, _valid: Path, _file: Path, _rng: random.Random) -> None:
     """The calibration is finite, images are there."""
     camera = euroc_reader.read_camera(folder / 'euroc', True)
@@ -188,7 +181,6 @@ READERS: dict[str, Reader] = {
     'gait': Reader(samples.gait, {'*.yaml': mutations.any_yaml}, read_gait, 6),
     'published': Reader(samples.published, {'*.yaml': mutations.any_yaml}, read_published, 2),
     'trajectory': Reader(samples.trajectory, {'*': mutations.any_text}, read_trajectories, 6),
-    'pitch_curve': Reader(samples.pitch_curve, {'*': mutations.any_text}, read_pitch, 2),
     'geotiff': Reader(samples.geotiff, {'*.tif': mutations.any_bytes}, read_dem, 8),
     'dem_folder': Reader(samples.dem_folder, {'*.npy': mutations.any_npy,
                                               '*.yaml': mutations.any_yaml}, read_dem),
@@ -227,7 +219,6 @@ COMMANDS = {
     'rover': 'calibrate gait --set rover={file} -o {new}',
     'campaign': 'campaign {file} --dry-run',
     'trajectory': 'evaluate {file} {file} --times {folder}/times.txt',
-    'pitch_curve': 'validate locomotion --overlay {file} -o {new}',
     'geotiff': 'world build --dem {file} -o {new}',
     'dem_folder': 'world build --dem {folder} -o {new}',
     'mesh': 'world build --mesh {file} -o {new}',

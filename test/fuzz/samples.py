@@ -69,12 +69,6 @@ def trajectory(folder: Path) -> None:
     files_of_others(folder / 'walk.csv', folder / 'walk.kitti', folder / 'times.txt', walk)
 
 
-def pitch_curve(folder: Path) -> None:
-    """A curve of pitch over time, as `validate locomotion --curve` reads it."""
-    lines = [f'{0.02 * k:.2f},{3.0 * np.sin(0.3 * k):.3f}\n' for k in range(200)]
-    (folder / 'curve.csv').write_text('time,pitch\n' + ''.join(lines))
-
-
 def _heights(n: int = 48) -> np.ndarray:
     y, x = np.mgrid[:n, :n] * 0.1
     heights: np.ndarray = 0.1 * np.sin(x) * np.cos(0.7 * y)

@@ -13,7 +13,6 @@ from typing import NamedTuple
 from matplotlib.figure import Figure
 import numpy as np
 
-from lunar_rover_sim.autonomy.navigation.config import NavigatorConfig, TRUTH
 from lunar_rover_sim.autonomy.navigation.planner import Planner
 from lunar_rover_sim.autonomy.navigation.traversability import Limits, traversability
 from lunar_rover_sim.base.errors import StudyError
@@ -22,15 +21,13 @@ from lunar_rover_sim.base.files.results import markdown_table, save_figure
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
 from lunar_rover_sim.judge.evaluation.statistics import Comparison, either_alone_p, Mean, Share
-from lunar_rover_sim.judge.studies.navigation_drives import (BLIND, drive_to, GOAL_SLACK_M,
-                                                             GoalDrive, KNOWN, SEEN, start_of,
-                                                             TIPPED)
+from lunar_rover_sim.judge.studies.navigation_drives import (BLIND, drive_to, GoalDrive, KNOWN,
+                                                             SEEN, start_of, TIPPED)
 from lunar_rover_sim.judge.studies.study_folder import map_in_processes, StudyFolder
 from lunar_rover_sim.run.scenario import Scenario
 
 _TRIALS = 200           # of a goal, before a world counts as too rough
 _MARGIN_M = 3.0
-_LEAST_ERROR_M = 1e-2     # of an estimate, in the picture
 _TILTED_DEG = 45.0
 _CONTACTS: dict[str, Callable[[GoalDrive], int]] = {
     'body on rock': lambda d: d.belly_contacts, 'body on ground': lambda d: d.belly_ground,
@@ -38,33 +35,28 @@ _CONTACTS: dict[str, Callable[[GoalDrive], int]] = {
 
 
 class Case(NamedTuple):
-    """One drive: scenario, elevation of the sun [deg], who drives by which pose, seed."""
+    """One drive: scenario, elevation of the sun [deg], who drives, seed."""
 
     scenario: str
     sun_deg: float
     driver: str
-    pose: str
     seed: int
 
     @property
-    def group(self) -> tuple[str, float, str, str]:
+    def group(self) -> tuple[str, float, str]:
         """All but the seed."""
-        return self[:4]
+        return self[:3]
 
 
 def cases(scenarios: Sequence[str], suns_deg: Sequence[float], drivers: Sequence[str],
-          poses: Sequence[str], seeds: Sequence[int]) -> list[Case]:
+          seeds: Sequence[int]) -> list[Case]:
     """Return all drives, seed by seed, so that an interrupted study has whole pairs.
 
-    Poses other than the truth are for those who see; the sun, too.
+    Several elevations of the sun are for those who see.
     """
-    found = []
-    for seed, scenario, sun, driver in itertools.product(seeds, scenarios, suns_deg, drivers):
-        if driver != SEEN and sun != suns_deg[0]:
-            continue
-        found += [Case(scenario, sun, driver, pose, seed)
-                  for pose in (poses if driver == SEEN else (TRUTH,))]
-    return found
+    return [Case(scenario, sun, driver, seed) for seed, scenario, sun, driver
+            in itertools.product(seeds, scenarios, suns_deg, drivers)
+            if driver == SEEN or sun == suns_deg[0]]
 
 
 def goal_of(scenario: Scenario, world: World, distance_m: float) -> tuple[float, float]:
@@ -104,7 +96,7 @@ def run_case(distance_m: float, limit_s: float, overrides: Sequence[str],
     scenario = Scenario.load(case.scenario, [
         f'render_node.sun.elevation_deg={case.sun_deg}', *overrides], seed=case.seed)
     world, goal = _world_and_goal(case.scenario, case.seed, distance_m, tuple(overrides))
-    return drive_to(scenario, world, goal, case.driver, case.pose, limit_s)
+    return drive_to(scenario, world, goal, case.driver, limit_s)
 
 
 @functools.lru_cache(maxsize=2)
@@ -157,17 +149,17 @@ def study(todo: Sequence[Case], store: DriveStore, distance_m: float, limit_s: f
 
 def report_text(drives: dict[Case, GoalDrive], distance_m: float) -> str:
     """Return tables and comparisons as Markdown."""
-    groups: dict[tuple[str, float, str, str], dict[int, GoalDrive]] = {}
+    groups: dict[tuple[str, float, str], dict[int, GoalDrive]] = {}
     for case, drive in drives.items():
         groups.setdefault(case.group, {})[case.seed] = drive
     rows = []
-    for (scenario, sun, driver, pose), by_seed in sorted(groups.items()):
+    for (scenario, sun, driver), by_seed in sorted(groups.items()):
         each = list(by_seed.values())
         arrived = [d for d in each if d.arrived]
         share = Share.of(len(arrived), len(each))
         ends = sorted({d.outcome for d in each if not d.arrived})
         rows.append((
-            scenario, '–' if driver != SEEN else f'{sun:g}', driver, pose, str(len(each)),
+            scenario, '–' if driver != SEEN else f'{sun:g}', driver, str(len(each)),
             f'{100 * share.value:.0f} [{100 * share.low:.0f}, {100 * share.high:.0f}]',
             _mean([d.way_m / d.shortest_m for d in arrived], 2),
             *(_mean([float(count(d)) for d in each], 1) for count in _CONTACTS.values()),
@@ -177,18 +169,17 @@ def report_text(drives: dict[Case, GoalDrive], distance_m: float) -> str:
             _mean([float(d.backed_off) for d in each], 1),
             _mean([d.time_s for d in arrived], 0),
             _mean([d.energy_j / max(d.way_m, 0.1) for d in each], 1),
-            _mean([d.pose_error_m for d in each], 2),
             _mean([d.goal_error_m for d in each], 2),
             ', '.join(f'{sum(d.outcome == end for d in each)} {end}' for end in ends) or '–'))
     lines = [f'# Navigation: goals at {distance_m:g} m', '',
-             'Arrived: within the tolerance of the true goal. Way: over that of the plan on the '
+             'Arrived: within the tolerance of the goal. Way: over that of the plan on the '
              'true map, of those that arrived. Contacts a drive: of the body with rocks and with '
              'the ground, of the sides of spokes with rocks; high: drives in which the body met a '
              f'rock that rises by more than its clearance; tilted: drives above {_TILTED_DEG:g}°. '
              'Intervals: 95 %.', '',
-             *markdown_table(('scenario', 'sun [°]', 'driver', 'pose', 'n', 'arrived [%]', 'way',
+             *markdown_table(('scenario', 'sun [°]', 'driver', 'n', 'arrived [%]', 'way',
                               *_CONTACTS, 'high', 'tilted', 'tipped', 'backed off', 'time [s]',
-                              'energy [J/m]', 'pose error [m]', 'from the goal [m]', 'others'),
+                              'energy [J/m]', 'from the goal [m]', 'others'),
                              rows), '']
     comparisons = _comparisons(groups)
     if comparisons:
@@ -197,16 +188,14 @@ def report_text(drives: dict[Case, GoalDrive], distance_m: float) -> str:
     return '\n'.join(lines)
 
 
-def _comparisons(groups: dict[tuple[str, float, str, str], dict[int, GoalDrive]]) -> list[str]:
+def _comparisons(groups: dict[tuple[str, float, str], dict[int, GoalDrive]]) -> list[str]:
     lines = []
     for group, seen in sorted(groups.items()):
-        scenario, sun, driver, pose = group
+        scenario, sun, driver = group
         if driver != SEEN:
             continue
-        others = [(name, of) for (s, e, name, p), of in sorted(groups.items())
+        others = [(name, of) for (s, _, name), of in sorted(groups.items())
                   if s == scenario and name != SEEN]
-        if pose != TRUTH:
-            others = [('seen, by the true pose', groups.get((scenario, sun, SEEN, TRUTH), {}))]
         for name, of in others:
             seeds = sorted(set(seen) & set(of))
             if len(seeds) < 3:
@@ -216,7 +205,7 @@ def _comparisons(groups: dict[tuple[str, float, str, str], dict[int, GoalDrive]]
             word = 'shown' if pair.sign else 'not shown'
             alone = [sum(a[s].arrived and not b[s].arrived for s in seeds)
                      for a, b in ((seen, of), (of, seen))]
-            lines.append(f'- {scenario}, sun {sun:g}°, seen by {pose} against {name}: '
+            lines.append(f'- {scenario}, sun {sun:g}°, seen against {name}: '
                          f'{pair.text()}: a difference is {word}; alone arrived {alone[0]} '
                          f'against {alone[1]}, p = {either_alone_p(*alone):.2g}.')
     return lines
@@ -235,11 +224,11 @@ def _mean(values: Sequence[float], digits: int) -> str:
 
 
 def write_all(drives: dict[Case, GoalDrive], distance_m: float, folder: Path) -> str:
-    """Write navigation.md, navigation.csv and the pictures; return the text of the first."""
+    """Write navigation.md, navigation.csv and navigation.png; return the text of the first."""
     text = report_text(drives, distance_m)
     atomic_write(folder / 'navigation.md', text, StudyError)
     fields = [f.name for f in dataclasses.fields(GoalDrive)
-              if f.name not in ('path_m', 'seed', 'driver', 'pose')]
+              if f.name not in ('path_m', 'seed', 'driver')]
     table = [','.join((*Case._fields, *fields))]
     for case, drive in drives.items():
         values = [getattr(drive, name) for name in fields]
@@ -247,40 +236,15 @@ def write_all(drives: dict[Case, GoalDrive], distance_m: float, folder: Path) ->
                               else f'{v:.4f}' for v in (*case, *values)))
     atomic_write(folder / 'navigation.csv', '\n'.join(table) + '\n', StudyError)
     plot_ways(drives, folder / 'navigation.png')
-    if any(case.pose != TRUTH for case in drives):
-        plot_estimates(drives, folder / 'navigation_poses.png')
     return text
 
 
-def plot_estimates(drives: dict[Case, GoalDrive], path: Path) -> None:
-    """Draw where drives ended, from the true goal, against the error of the estimate there."""
-    figure = Figure(figsize=(8.0, 4.5), layout='constrained')
-    axes = figure.subplots()
-    poses = sorted({case.pose for case in drives if case.driver == SEEN})
-    for pose in poses:
-        each = [d for c, d in drives.items() if c.driver == SEEN and c.pose == pose]
-        share = Share.of(sum(d.arrived for d in each), len(each))
-        label = (f'{pose}: {100 * share.value:.0f} % [{100 * share.low:.0f}, '
-                 f'{100 * share.high:.0f}] arrived, n = {len(each)}')
-        axes.scatter([max(d.pose_error_m, _LEAST_ERROR_M) for d in each],
-                     [d.goal_error_m for d in each], s=22, alpha=0.7, label=label)
-    limit = GOAL_SLACK_M + NavigatorConfig().goal_tolerance_m
-    axes.axhspan(_LEAST_ERROR_M, limit, color='tab:green', alpha=0.12, lw=0)
-    axes.set(xscale='log', yscale='log', ylim=(0.05, None), title='green: arrived',
-             xlabel='error of the estimated position at the end [m] (left edge: '
-             f'{_LEAST_ERROR_M:g} m or less)', ylabel='true distance from the goal at the end [m]')
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
-    save_figure(figure, path, StudyError)
-
-
 def plot_ways(drives: dict[Case, GoalDrive], path: Path) -> None:
-    """Draw the ways driven by the true pose."""
+    """Draw the ways driven."""
     figure = Figure(figsize=(6.0, 5.0), layout='constrained')
     axes = figure.subplots()
     for driver, colour in ((KNOWN, 'tab:green'), (SEEN, 'tab:blue'), (BLIND, 'tab:red')):
-        for k, drive in enumerate(d for c, d in drives.items()
-                                  if c.driver == driver and c.pose == TRUTH):
+        for k, drive in enumerate(d for c, d in drives.items() if c.driver == driver):
             axes.plot(*drive.path_m.T, color=colour, lw=0.8, alpha=0.7,
                       label=driver if k == 0 else None)
             if not drive.arrived and len(drive.path_m):

@@ -1,14 +1,12 @@
 """Drives to a goal without ROS: physics, seen depth, map and navigator in one loop.
 
-A command is made from the map and the pose that a graph in lockstep has at that time: maps are
-`MAP_LAG_S` old.
+It maps and drives by the true pose. A command is made from the map that a graph in lockstep has at
+that time: maps are `MAP_LAG_S` old.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from contextlib import ExitStack
 import dataclasses
 import math
 
@@ -23,13 +21,12 @@ from lunar_rover_sim.autonomy.navigation.traversability import (belly_clearance_
                                                                 traversability, Traversability)
 from lunar_rover_sim.autonomy.path_following.driver import DONE, Driver, STOPPED
 from lunar_rover_sim.base.errors import PhysicsError
-from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, path_length, se3, wxyz_from_matrix
+from lunar_rover_sim.base.frames import Array, path_length, tilt_deg
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.site import OneWindow
 from lunar_rover_sim.image.stereo.seen_depth import SeenDepth
 from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
-from lunar_rover_sim.judge.studies.navigation_poses import poses_of
-from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S
+from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S, Walker
 from lunar_rover_sim.rover.mjcf import BASE_BODY
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.physics.state import RoverState, TipOver
@@ -38,13 +35,11 @@ from lunar_rover_sim.run.scenario import Scenario
 SEEN, KNOWN, BLIND = 'seen', 'known', 'blind'   # drives by what it sees, by the true map, by none
 DRIVERS = (SEEN, KNOWN, BLIND)
 ARRIVED = Status.ARRIVED.value
-ARRIVED_WRONG = 'arrived elsewhere'     # by its estimate it has arrived, in truth it has not
 TIME_OVER, TIPPED = 'time over', 'tipped over'
 
 MAP_LAG_S = 0.2
 DEPTH_HZ = 3
 _COMMAND_PERIODS = 10           # of the controller: 20 Hz
-GOAL_SLACK_M = 0.3             # beyond the tolerance, by which the true goal may be missed
 _CLOSE_S = 0.3                  # belly contacts nearer in time than this [s] are one
 _KNOWN_MARGIN_M = 6.0           # of the true map around start and goal
 
@@ -55,12 +50,10 @@ class GoalDrive:
 
     Attributes:
         driver: seen, known or blind.
-        pose: As `navigation_poses.poses_of`.
-        outcome: arrived, arrived elsewhere, tipped over, time over, or why it gave up.
+        outcome: arrived, tipped over, time over, or why it gave up.
         way_m: Driven.
         shortest_m: Of the plan over the true map from the start; NaN where there is none.
-        goal_error_m: True distance to the goal at the end.
-        pose_error_m: Distance of the estimated from the true position at the end.
+        goal_error_m: Distance to the goal at the end.
         belly_contacts: Times that body or mast have met a rock.
         belly_high: Times that they have met one that rises by more than their clearance.
         belly_ground: Times that they have met the ground.
@@ -73,14 +66,12 @@ class GoalDrive:
 
     seed: int
     driver: str
-    pose: str
     goal_m: tuple[float, float]
     outcome: str
     time_s: float
     way_m: float
     shortest_m: float
     goal_error_m: float
-    pose_error_m: float
     belly_contacts: int
     belly_high: int
     belly_ground: int
@@ -92,7 +83,7 @@ class GoalDrive:
 
     @property
     def arrived(self) -> bool:
-        """Whether it is at the true goal."""
+        """Whether it is at the goal."""
         return self.outcome == ARRIVED
 
 
@@ -167,46 +158,35 @@ def true_costs(scenario: Scenario, world: World, goal_m: tuple[float, float]) ->
 
 
 def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driver: str,
-             pose: str = TRUTH, limit_s: float = 400.0,
-             watch: Callable[[RoverState, Traversability | None, Navigator | None], object]
-             | None = None) -> GoalDrive:
+             limit_s: float = 400.0) -> GoalDrive:
     """Drive once, from the start of the scenario to a goal [m].
 
     Args:
         driver: seen, known or blind: a straight route that avoids nothing.
-        pose: As `navigation_poses.poses_of`.
         limit_s: Simulated time after which the drive ends.
-        watch: Called with state, map and navigator of each command.
     """
-    noise_seed = scenario.shared.seed
     limits = Limits.of(scenario.rover, scenario.mapping_node.limits)
     nav = dataclasses.replace(scenario.navigator_node, has_goal=True, goal_x_m=goal_m[0],
                               goal_y_m=goal_m[1], waypoints_x_m=(), waypoints_y_m=())
     truth = true_costs(scenario, world, goal_m)
     truth = dataclasses.replace(truth, stamp_ns=round(limit_s * 1e9))   # it never grows old
     shortest = Planner(truth, nav.plan, limits.radius_m, start_of(scenario)).plan(goal_m)
-    with ExitStack() as owned:
-        simulation = owned.enter_context(
-            Simulation(world, scenario.rover, scenario.physics_node, OneWindow(world)))
+    navigator = Navigator(nav, limits.radius_m, world.ground.half_extent_m)
+    straight = Driver(dataclasses.replace(
+        scenario.drive_node, mode='waypoints', shape='none', relative=False, laps=1,
+        waypoints_x_m=(goal_m[0],), waypoints_y_m=(goal_m[1],),
+        goal_tolerance_m=nav.goal_tolerance_m), world.ground.half_extent_m)
+    eyes = Eyes(scenario, world) if driver == SEEN else None
+    tip, outcome, energy, tilt = TipOver(), TIME_OVER, 0.0, 0.0
+    path: list[Array] = []
+    with Simulation(world, scenario.rover, scenario.physics_node, OneWindow(world)) as simulation:
         controller = scenario.gait_controller()
-        steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
-        state = simulation.state
-        poses = owned.enter_context(poses_of(pose, scenario, world, simulation, noise_seed))
+        walker, state = Walker(simulation, controller), simulation.state
         contacts = Contacts(simulation, belly_clearance_m(scenario.rover))
-        tip = TipOver()
-        navigator = Navigator(nav, limits.radius_m, world.ground.half_extent_m)
-        eyes = Eyes(scenario, world, noise_seed, pose) if driver == SEEN else None
-        straight = Driver(dataclasses.replace(
-            scenario.drive_node, mode='waypoints', shape='none', relative=False, laps=1,
-            waypoints_x_m=(goal_m[0],), waypoints_y_m=(goal_m[1],),
-            goal_tolerance_m=nav.goal_tolerance_m), world.ground.half_extent_m)
-        outcome, path, energy, tilt, velocity = TIME_OVER, [], 0.0, 0.0, (0.0, 0.0)
         try:
             for k in range(round(limit_s / STATE_PERIOD_S)):
                 if k % _COMMAND_PERIODS == 0:
-                    pose_ns, T = poses.newest(state.stamp_ns) or (None, np.eye(4))
-                    quaternion, position = wxyz_from_matrix(T[:3, :3]), T[:3, 3]
-                    grid: Traversability | None = None
+                    position, quaternion = state.position_m, state.orientation_wxyz
                     if driver == BLIND:
                         told = straight.update(state.stamp_ns, position, quaternion)
                         velocity = told.forward_mps, told.yaw_rate_radps
@@ -214,26 +194,21 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
                             outcome = ARRIVED if told.cause is None else told.cause.value
                             break
                     else:
-                        grid = truth if eyes is None else \
-                            eyes.grid(state, poses.present(state))
-                        command = navigator.update(state.stamp_ns, pose_ns, position,
-                                                   quaternion, grid, poses.tilt_deg)
+                        command = navigator.update(
+                            state.stamp_ns, state.stamp_ns, position, quaternion,
+                            truth if eyes is None else eyes.grid(state),
+                            float(tilt_deg(quaternion)))
                         velocity = command.forward_mps, command.yaw_rate_radps
-                        if watch is not None:
-                            watch(state, grid, navigator)
                         navigator.notes.clear()
                         if command.status.is_end:
                             outcome = (ARRIVED if command.failure is None
                                        else command.failure.value)
                             break
                     if k % 40 == 0:
-                        path.append(state.position_m[:2])
+                        path.append(position[:2])
                 controller.set_velocity(*velocity, state.stamp_ns)
-                legs = controller.update(state.stamp_ns, state.joint_angle_rad,
-                                         state.joint_velocity_radps)
-                simulation.command(legs.velocity_radps)
-                state = simulation.advance(steps)
-                poses.add(state)
+                walker.step()
+                state = simulation.state
                 contacts.add(state.stamp_ns * 1e-9)
                 energy += STATE_PERIOD_S * scenario.rover.motor.drawn_w(
                     state.motor_torque_nm, state.joint_velocity_radps)
@@ -243,48 +218,45 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
                 tilt = max(tilt, tip.tilt_deg)
         except PhysicsError as error:
             outcome = str(error)
-        off = float(np.linalg.norm(state.position_m[:2] - goal_m))
-        if outcome == ARRIVED and off > nav.goal_tolerance_m + GOAL_SLACK_M:
-            outcome = ARRIVED_WRONG
-        if outcome == Failure.TILT.value and tip.lies:
-            outcome = TIPPED
-        return GoalDrive(
-            scenario.shared.seed, driver, pose, goal_m, outcome, state.stamp_ns * 1e-9,
-            path_length(np.array(path)) if len(path) > 1 else 0.0,
-            shortest.length_m if shortest is not None and shortest.reaches_goal else math.nan,
-            off, poses.error_m, contacts.rocks, contacts.high, contacts.ground,
-            contacts.spokes, navigator.backed_off, energy, tilt, np.array(path).reshape(-1, 2))
+    if outcome == Failure.TILT.value and tip.lies:
+        outcome = TIPPED
+    return GoalDrive(
+        scenario.shared.seed, driver, goal_m, outcome, state.stamp_ns * 1e-9,
+        path_length(np.array(path)) if len(path) > 1 else 0.0,
+        shortest.length_m if shortest is not None and shortest.reaches_goal else math.nan,
+        float(np.linalg.norm(state.position_m[:2] - goal_m)), contacts.rocks, contacts.high,
+        contacts.ground, contacts.spokes, navigator.backed_off, energy, tilt,
+        np.array(path).reshape(-1, 2))
 
 
 class Eyes:
     """What a rover sees and maps of a world, with the delay that it has in a graph."""
 
-    def __init__(self, scenario: Scenario, world: World, seed: int, pose: str) -> None:
+    def __init__(self, scenario: Scenario, world: World) -> None:
         config = scenario.mapping_node
         self._seen = SeenDepth(world, scenario.rover, scenario.render_node.camera,
-                               scenario.render_node.sun, seed)
+                               scenario.render_node.sun, scenario.shared.seed)
         self._config: MapConfig = config.map
         # The errors are those of the real images: here a pixel is as many of them.
         self._baseline_m = self._seen.real_baseline_m
-        self.map = ElevationMap(config.map.by_pose(pose))
+        self.map = ElevationMap(config.map.by_pose(TRUTH))
         self._limits = Limits.of(scenario.rover, config.limits)
         self._fill = config.limits.fill_cells
         self._made: deque[tuple[int, Traversability]] = deque()
         self._newest: Traversability | None = None
         self._next_ns = 0
 
-    def grid(self, state: RoverState, T_estimate: Array | None) -> Traversability | None:
-        """Look if it is time to and a pose is known; return the newest map that has arrived."""
+    def grid(self, state: RoverState) -> Traversability | None:
+        """Look if it is time to; return the newest map that has arrived."""
         now = state.stamp_ns
-        if now >= self._next_ns and T_estimate is not None:
+        if now >= self._next_ns:
             self._next_ns += round(1e9 / DEPTH_HZ)
-            depth = self._seen.look(se3(matrix_from_wxyz(state.orientation_wxyz),
-                                        state.position_m), self._config.max_range_m)
+            T = state.T_world_base
+            depth = self._seen.look(T, self._config.max_range_m)
             self.map.add_depth(now, depth, self._seen.K, self._baseline_m,
-                               T_estimate @ self._seen.T_base_camera, T_estimate[:3, 3])
+                               T @ self._seen.T_base_camera, T[:3, 3])
             if self.map.has_seen:
-                made = traversability(self.map.elevation(), self._limits, self._fill,
-                                      T_estimate[:2, 3])
+                made = traversability(self.map.elevation(), self._limits, self._fill, T[:2, 3])
                 self._made.append((now, made))
         while self._made and now - self._made[0][0] >= MAP_LAG_S * 1e9:
             self._newest = self._made.popleft()[1]

@@ -10,14 +10,18 @@ from collections.abc import Sequence
 import dataclasses
 import itertools
 import math
+from pathlib import Path
 
+from matplotlib.figure import Figure
 import numpy as np
 
-from lunar_rover_sim.base.errors import ConfigError, PhysicsError
+from lunar_rover_sim.base.errors import ConfigError, PhysicsError, StudyError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.results import csv_table, markdown_table, save_figure
 from lunar_rover_sim.base.frames import rpy_from_wxyz
 from lunar_rover_sim.ground.regolith.config import GroundConfig, REGOLITH, RIGID
 from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.judge.studies.walking import sloping_world, STATE_PERIOD_S
+from lunar_rover_sim.judge.studies.walking import sloping_world, Walker
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
 from lunar_rover_sim.rover.gait.config import GaitConfig
@@ -121,17 +125,15 @@ def _walk(settings: WalkSettings, ground: Ground, simulation: Simulation) -> Gro
     slope = math.radians(ground.slope_deg)
     uphill = np.array([math.cos(slope), 0.0, math.sin(slope)])
     simulation.apply_force(-ground.pull * weight * uphill)
-    steps = max(1, round(STATE_PERIOD_S / settings.physics.step_s))
-    period_s = steps * settings.physics.step_s
-    state, feet = simulation.state, SlipMeter(len(simulation.rover.legs.each))
+    walker, state = Walker(simulation, controller), simulation.state
+    period_s, feet = walker.period_s, SlipMeter(len(simulation.rover.legs.each))
     begin, energy = state.position_m, 0.0
     pitch, sinkage = [], [0.0]
     measured = 0
     for _ in range(round(settings.duration_s / period_s)):
         controller.set_velocity(settings.speed_mps, 0.0, state.stamp_ns)
-        legs = controller.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)
-        simulation.command(legs.velocity_radps)
-        state = simulation.advance(steps)
+        walker.step()
+        state = simulation.state
         if state.stamp_ns * 1e-9 <= SKIP_S:
             begin = state.position_m
         else:
@@ -150,3 +152,63 @@ def _walk(settings: WalkSettings, ground: Ground, simulation: Simulation) -> Gro
         ground, 'dug in' if dug_in else 'walked', distance / time_s, float(way[1]) / time_s,
         feet.total, energy / (weight * distance) if distance > 0.01 else math.inf,
         energy / time_s, float(np.std(pitch)), float(np.mean(sinkage)), max(sinkage))
+
+
+_FIELDS = tuple(field.name for field in dataclasses.fields(GroundWalk)[2:])
+
+
+def write_all(walks: Sequence[GroundWalk], folder: Path) -> str:
+    """Write terramechanics.md, .csv and .png into a folder; return the text."""
+    text = report_text(walks)
+    atomic_write(folder / 'terramechanics.md', text, StudyError)
+    table = csv_table(('ground', 'slope_deg', 'pull', 'outcome', *_FIELDS), (
+        (walk.ground.name, walk.ground.slope_deg, walk.ground.pull, walk.outcome,
+         *(getattr(walk, name) for name in _FIELDS)) for walk in walks))
+    atomic_write(folder / 'terramechanics.csv', table, StudyError)
+    plot(walks, folder / 'terramechanics.png')
+    return text
+
+
+def report_text(walks: Sequence[GroundWalk]) -> str:
+    """Return the report as Markdown."""
+    return '\n'.join([
+        '# Terramechanics', '',
+        'Slip: 1 - way / way that the loaded feet sweep, along the heading. Transport:'
+        ' electric energy / (weight × distance). Pull: backward, over the weight.', '',
+        *markdown_table(('ground', 'slope [°]', 'pull', 'outcome', 'speed [m/s]', 'slip [%]',
+                         'transport', 'power [W]', 'pitch RMS [°]', 'sinkage [mm]', 'max'),
+                        map(_walk_row, walks)), ''])
+
+
+def _walk_row(w: GroundWalk) -> list[str]:
+    transport = '–' if math.isinf(w.transport) else f'{w.transport:.2f}'
+    return [w.ground.name, f'{w.ground.slope_deg:g}', f'{w.ground.pull:g}', w.outcome,
+            f'{w.speed_mps:.3f}', f'{1e2 * w.slip:.1f}', transport, f'{w.power_w:.2f}',
+            f'{w.pitch_rms_deg:.2f}', f'{1e3 * w.sinkage_m:.1f}', f'{1e3 * w.sinkage_max_m:.1f}']
+
+
+def plot(walks: Sequence[GroundWalk], path: Path) -> None:
+    """Write a figure: slip and power against slope, pull against slip, sinkage."""
+    figure = Figure(figsize=(11.0, 7.5), layout='constrained')
+    (slip, power), (pull, sinkage) = figure.subplots(2, 2)
+    for name in dict.fromkeys(walk.ground.name for walk in walks):
+        sloping = [w for w in walks if w.ground.name == name and w.ground.pull == 0.0]
+        pulled = [w for w in walks if w.ground.name == name and w.ground.slope_deg == 0.0]
+        degrees = [w.ground.slope_deg for w in sloping]
+        slip.plot(degrees, [1e2 * w.slip for w in sloping], 'o-', ms=3, label=name)
+        power.plot(degrees, [w.power_w for w in sloping], 'o-', ms=3)
+        held = holding(pulled)
+        line, = pull.plot([1e2 * w.slip for w in held], [w.ground.pull for w in held], 'o-', ms=3)
+        # Beyond that pull, it depends on the start whether a walk is drawn back.
+        later = [w for w in pulled if w.speed_mps > 0.0 and w not in held]
+        pull.plot([1e2 * w.slip for w in later], [w.ground.pull for w in later], 'x',
+                  color=line.get_color())
+        sinkage.plot(degrees, [1e3 * w.sinkage_m for w in sloping], 'o-', ms=3)
+    slip.set(xlabel='slope [°]', ylabel='slip [%]', ylim=(-2.0, 100.0))
+    power.set(xlabel='slope [°]', ylabel='electric power [W]')
+    pull.set(xlabel='slip [%]', ylabel='pull over weight', xlim=(-2.0, 100.0))
+    sinkage.set(xlabel='slope [°]', ylabel='mean sinkage of the deepest foot [mm]')
+    for axes in (slip, power, pull, sinkage):
+        axes.grid(alpha=0.3)
+    slip.legend()
+    save_figure(figure, path, StudyError)

@@ -22,7 +22,7 @@ from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.site import OneWindow
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.judge.studies.study_folder import map_in_processes, StudyFolder
-from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S
+from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S, Walker
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
 from lunar_rover_sim.rover.gait.config import GaitConfig
@@ -183,8 +183,8 @@ class TraverseDrive:
         self._config = config
         self._plan = plan
         self._half_extent_m = ground.half_extent_m
-        self._steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
-        self._period_s = self._steps * simulation.config.step_s
+        self._walker = Walker(simulation, controller)
+        self._period_s = self._walker.period_s
         self._back_up_periods = round(BACK_UP_S / self._period_s)
         self._next = 0                    # index of the waypoint ahead
         self._reached = self._stuck = self._tilted = 0
@@ -229,7 +229,10 @@ class TraverseDrive:
                         back_up, velocity = self._back_up_periods, (BACK_UP_MPS, 0.0)
                     else:
                         backed_up = False
-                self._step(velocity)
+                self._controller.set_velocity(*velocity, self._state.stamp_ns)
+                self._walker.step()
+                self._state = self._simulation.state
+                self._measurement.add()
                 if k % PATH_PERIODS == 0:
                     self._measurement.path_m.append(self._state.position_m)
         except PhysicsError as error:
@@ -258,15 +261,6 @@ class TraverseDrive:
             self._config, mode='waypoints', shape='none', relative=False, laps=1,
             start_delay_s=0.0, waypoints_x_m=(float(x),), waypoints_y_m=(float(y),))
         return Driver(config, self._half_extent_m)
-
-    def _step(self, velocity: tuple[float, float]) -> None:
-        state = self._state
-        self._controller.set_velocity(*velocity, state.stamp_ns)
-        legs = self._controller.update(state.stamp_ns, state.joint_angle_rad,
-                                       state.joint_velocity_radps)
-        self._simulation.command(legs.velocity_radps)
-        self._state = self._simulation.advance(self._steps)
-        self._measurement.add()
 
 
 class _Measurement:

@@ -13,7 +13,7 @@ from lunar_rover_sim.base.frames import rpy_from_wxyz, tilt_deg, wxyz_from_rpy
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.rocks import Rocks
-from lunar_rover_sim.rover.gait.controller import GaitController
+from lunar_rover_sim.rover.gait.controller import GaitController, LegCommand
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -79,6 +79,28 @@ def sloping_world(slope_deg: float, half_extent_m: float = 5.0) -> World:
     return dataclasses.replace(world, levels=(HeightGrid(heights, ground.cell_m),))
 
 
+class Walker:
+    """A rover that walks by its gait, one period of the controller after the other.
+
+    Attributes:
+        period_s: `STATE_PERIOD_S`, in whole steps of the simulation [s].
+    """
+
+    def __init__(self, simulation: Simulation, controller: GaitController) -> None:
+        self._simulation, self._controller = simulation, controller
+        self._steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
+        self.period_s = self._steps * simulation.config.step_s
+
+    def step(self) -> LegCommand:
+        """Answer the state by the gait, go on to the next state, and return the answer."""
+        state = self._simulation.state
+        legs = self._controller.update(state.stamp_ns, state.joint_angle_rad,
+                                       state.joint_velocity_radps)
+        self._simulation.command(legs.velocity_radps)
+        self._simulation.advance(self._steps)
+        return legs
+
+
 def walk(simulation: Simulation, controller: GaitController, duration_s: float,
          command: Callable[[GaitController, int], object]) -> Walk:
     """Walk from the start pose for a time [s] and return what was recorded.
@@ -88,15 +110,13 @@ def walk(simulation: Simulation, controller: GaitController, duration_s: float,
     Args:
         command: Called as command(controller, stamp_ns) before each update of the controller.
     """
-    steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
-    state = simulation.reset()
+    walker, state = Walker(simulation, controller), simulation.reset()
     controller.reset()
     rows: list[tuple] = []
-    for _ in range(round(duration_s / (steps * simulation.config.step_s))):
+    for _ in range(round(duration_s / walker.period_s)):
         command(controller, state.stamp_ns)
-        legs = controller.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)
-        simulation.command(legs.velocity_radps)
-        state = simulation.advance(steps)
+        legs = walker.step()
+        state = simulation.state
         rows.append((state.stamp_ns * 1e-9, state.position_m,
                      rpy_from_wxyz(state.orientation_wxyz), state.joint_angle_rad,
                      state.joint_velocity_radps, state.motor_torque_nm, state.contact_force_n,

@@ -8,9 +8,8 @@ import pytest
 
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.base.files.paths import config_path
-from lunar_rover_sim.judge.studies.locomotion import (analyse, claims, PitchCurve, read_curve,
-                                                      study, velocity_interface)
-from lunar_rover_sim.judge.studies.locomotion_report import plot_cases, report_text, write_curves
+from lunar_rover_sim.judge.studies.locomotion import (analyse, claims, PitchCurve, study,
+                                                      velocity_interface, write_all)
 from lunar_rover_sim.rover.description import Chassis, RoverDescription
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
 from lunar_rover_sim.rover.physics.config import ContactConfig, PhysicsConfig
@@ -108,35 +107,11 @@ def test_what_our_physics_shows(case):
 
 
 def test_the_report_names_each_claim_and_the_files_are_written(case, tmp_path):
-    overlay = PitchCurve('robot', TIME, np.sin(TIME))
-    text = report_text([case], [overlay])
+    text = write_all([case], [], tmp_path)
     for claim in claims(case):
         assert claim.name in text
-    assert 'robot' in text and 'velocity interface' in text
-    plot_cases([case], tmp_path / 'plot.png', [overlay])
-    write_curves([case], tmp_path / 'pitch.csv')
-    assert (tmp_path / 'plot.png').stat().st_size > 10000
+    assert 'velocity interface' in text
+    assert (tmp_path / 'locomotion.png').stat().st_size > 10000
     lines = (tmp_path / 'pitch.csv').read_text().splitlines()
     assert lines[0] == 'time_s,gait_0.12mps_1.62mps2_deg,interface_0.12mps_1.62mps2_deg'
     assert len(lines) == len(case.gait.time_s) + 1
-
-
-def test_a_curve_is_read_with_or_without_a_header(tmp_path):
-    for text in ('time,pitch\n0,1\n1,2\n3,4\n', '# made by hand\n0,1\n1,2\n\n3,4\n'):
-        (tmp_path / 'other.csv').write_text(text)
-        read = read_curve(tmp_path / 'other.csv')
-        assert read.name == 'other'
-        np.testing.assert_allclose(read.time_s, [0.0, 1.5, 3.0])
-        np.testing.assert_allclose(read.pitch_deg, [1.0, 2.5, 4.0])
-
-
-@pytest.mark.parametrize(('text', 'message'), [
-    ('0,1\n1,x\n', 'line 2'), ('t\n0,1\n1\n', 'line 3'), ('0,1\n', 'two or more'), ('', 'two or'),
-    ('0,1\n0,2\n', 'increasing'), ('0,1\n1,nan\n', 'line 2: 1, nan is not valid; valid are numb'),
-    ('0,1\n1e300,2\n', 'line 2: 1e[+]300, 2 is not valid')])
-def test_curves_that_are_none_are_refused(tmp_path, text, message):
-    (tmp_path / 'bad.csv').write_text(text)
-    with pytest.raises(StudyError, match=message):
-        read_curve(tmp_path / 'bad.csv')
-    with pytest.raises(StudyError, match='none.csv: cannot be read'):
-        read_curve(tmp_path / 'none.csv')

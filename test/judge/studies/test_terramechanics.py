@@ -5,8 +5,7 @@ import math
 
 import pytest
 
-from lunar_rover_sim.judge.studies import terramechanics_report
-from lunar_rover_sim.judge.studies.terramechanics import Ground, measure, WalkSettings
+from lunar_rover_sim.judge.studies.terramechanics import Ground, measure, WalkSettings, write_all
 from lunar_rover_sim.rover.physics.config import PhysicsConfig
 
 
@@ -26,7 +25,7 @@ def test_more_pull_than_friction_drags_the_rover_back(tmp_path):
     """Friction is 0.65; what the feet plough holds a little more."""
     walk = measure(settings(4.0), Ground('highland_loose', pull=1.2))
     assert walk.speed_mps < 0.0 and math.isinf(walk.transport)
-    text = terramechanics_report.write_all([walk], tmp_path)
+    text = write_all([walk], tmp_path)
     assert '| highland_loose | 0 | 1.2 | ' in text
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         'terramechanics.csv', 'terramechanics.md', 'terramechanics.png']
