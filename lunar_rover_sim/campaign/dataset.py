@@ -19,9 +19,9 @@ from lunar_rover_sim.base.files.results import csv_table
 from lunar_rover_sim.campaign.campaign_file import Campaign
 from lunar_rover_sim.campaign.episode import EpisodeTask
 from lunar_rover_sim.campaign.episode_plans import EpisodePlan
-from lunar_rover_sim.campaign.layout import (CAMPAIGN_FILE, EPISODES, ERROR_FILE, FAILED,
-                                             LOCK_FILE, PARTIAL, TOKEN_FILE)
-from lunar_rover_sim.campaign.manifest import MANIFEST, read_json, why_unfinished, write_json
+from lunar_rover_sim.campaign.manifest import (CAMPAIGN_FILE, EPISODES, ERROR_FILE, FAILED,
+                                               LOCK_FILE, MANIFEST, PARTIAL, read_json, TOKEN_FILE,
+                                               why_unfinished, write_json)
 from lunar_rover_sim.campaign.statistics import MEANINGS
 
 # Columns that are no statistics, with their meanings.

@@ -20,10 +20,9 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.base.errors import (CampaignError, ConfigError, GraphError,
                                          LunarRoverSimError, one_line, WorldError)
 from lunar_rover_sim.base.files.paths import BAG_FOLDER
-from lunar_rover_sim.campaign.croissant import recorded_topics
-from lunar_rover_sim.campaign.layout import EPISODES, PLAN_FILE, TASK_FILE
-from lunar_rover_sim.campaign.manifest import (file_table, FORMAT, MANIFEST, read_json,
-                                               why_unfinished, write_json)
+from lunar_rover_sim.campaign.card import recorded_topics
+from lunar_rover_sim.campaign.manifest import (EPISODES, file_table, FORMAT, MANIFEST, PLAN_FILE,
+                                               read_json, TASK_FILE, why_unfinished, write_json)
 from lunar_rover_sim.campaign.statistics import statistics
 from lunar_rover_sim.products.inspection.check import check
 from lunar_rover_sim.products.sequences.export import export

@@ -1,4 +1,12 @@
-"""The manifest of an episode: its files with their hashes, and how it was made.
+"""The files of a data set, and the manifest of an episode: its files with their hashes.
+
+    README.md, card.json      the data card
+    episodes.csv              the episodes as a table
+    croissant.json            all of it in the vocabulary of MLCommons
+    campaign.json             the campaign that it comes from
+    episodes/0007/            bag, scenario.yaml, rover.yaml, exported formats, manifest.json
+    failed/0008/              error.json, logs: episodes that could not be made
+    partial/                  what is being made, or was when the machine stopped
 
 An episode is finished when its folder has its name. The folder is filled under another name, gets
 its manifest, is forced to the disk, and is renamed last. So a power cut never leaves a folder that
@@ -18,6 +26,21 @@ from lunar_rover_sim.base.files.paths import file_hash
 from lunar_rover_sim.base.files.yaml_text import read_text
 from lunar_rover_sim.run.plan import WORLD_LINK
 
+EPISODES = 'episodes'
+FAILED = 'failed'
+PARTIAL = 'partial'
+CAMPAIGN_FILE = 'campaign.json'
+CARD_FILE = 'card.json'
+README_FILE = 'README.md'
+EPISODE_TABLE = 'episodes.csv'
+CROISSANT_FILE = 'croissant.json'
+ERROR_FILE = 'error.json'
+LOG_FILE = 'campaign.log'
+PLAN_FILE = 'planned.yaml'
+TASK_FILE = 'task.json'
+TOKEN_FILE = '.token'
+LOCK_FILE = '.lock'
+STOP_FILE = '.stop'
 MANIFEST = 'manifest.json'
 FORMAT = 1
 _MOST_BYTES = 1 << 24

@@ -22,12 +22,11 @@ from lunar_rover_sim.base.files.atomic import partial_folder
 from lunar_rover_sim.base.files.paths import BAG_FOLDER, counted
 from lunar_rover_sim.campaign.campaign_file import BASE
 from lunar_rover_sim.campaign.dataset import manifests
-from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES
-from lunar_rover_sim.campaign.manifest import read_json
+from lunar_rover_sim.campaign.manifest import CAMPAIGN_FILE, EPISODES, read_json
 from lunar_rover_sim.products.sequences.export import export, WEBDATASET
-from lunar_rover_sim.products.sequences.shards import (check_size, described, index_text, Shard,
-                                                       shard_name)
-from lunar_rover_sim.products.sequences.webdataset import INDEX_FILE, ShardOptions, VOCABULARY_FILE
+from lunar_rover_sim.products.sequences.webdataset import (check_size, described, INDEX_FILE,
+                                                           index_text, Shard, shard_name,
+                                                           ShardOptions, VOCABULARY_FILE)
 
 TRAIN, VALIDATION, TEST = SPLITS = ('train', 'val', 'test')
 VOCABULARIES = 'label_info'     # a folder with a file for each drive

@@ -14,9 +14,8 @@ from lunar_rover_sim.base.files.paths import BAG_FOLDER, file_hash
 from lunar_rover_sim.campaign.campaign_file import Campaign, parse_campaign
 from lunar_rover_sim.campaign.dataset import failures, mapping_hash
 from lunar_rover_sim.campaign.episode_plans import draw, episode_names
-from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES, PARTIAL
-from lunar_rover_sim.campaign.manifest import (episode_files, MANIFEST, read_json, strangers,
-                                               why_unfinished)
+from lunar_rover_sim.campaign.manifest import (CAMPAIGN_FILE, episode_files, EPISODES, MANIFEST,
+                                               PARTIAL, read_json, strangers, why_unfinished)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -18,8 +18,7 @@ from lunar_rover_sim.cli.terminal import Progress
 from lunar_rover_sim.products.sequences.export import export as write
 from lunar_rover_sim.products.sequences.export import (FORMATS, hazards_left_out, sensors_left_out,
                                                        WEBDATASET)
-from lunar_rover_sim.products.sequences.shards import DEFAULT_SIZE
-from lunar_rover_sim.products.sequences.webdataset import ShardOptions
+from lunar_rover_sim.products.sequences.webdataset import DEFAULT_SIZE, ShardOptions
 from lunar_rover_sim.products.usd.names import stage_bytes
 
 _USD = 'usd'

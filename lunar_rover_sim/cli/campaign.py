@@ -12,9 +12,8 @@ from lunar_rover_sim.base.files.paths import counted
 from lunar_rover_sim.campaign.campaign_file import Campaign, load_campaign
 from lunar_rover_sim.campaign.card import write_card
 from lunar_rover_sim.campaign.dataset import Dataset, DatasetProgress
-from lunar_rover_sim.campaign.episode import EpisodeTask, Outcome
+from lunar_rover_sim.campaign.episode import EpisodeTask, Outcome, run_local, run_on_cluster
 from lunar_rover_sim.campaign.episode_plans import draw, episode_names, episode_scenario, plan
-from lunar_rover_sim.campaign.schedulers import run_local, run_on_cluster
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.run.ros_domain import require_ros

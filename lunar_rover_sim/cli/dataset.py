@@ -12,7 +12,7 @@ from lunar_rover_sim.campaign.verification import status as status_of
 from lunar_rover_sim.campaign.verification import verify as verify_files
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_json, Progress, say
-from lunar_rover_sim.products.sequences.shards import DEFAULT_SIZE
+from lunar_rover_sim.products.sequences.webdataset import DEFAULT_SIZE
 
 _folder = options.argument('dataset', 'folder of the data set', type=options.PATH, metavar='DIR')
 

@@ -188,7 +188,7 @@ def _export_stage(folder: Path, at: tuple[float, float] | None, output: Path,
                   surroundings: bool, overwrite: bool) -> None:
     # Here, because OpenUSD is an optional dependency.
     from lunar_rover_sim.products.usd.drive_stage import settings_of
-    from lunar_rover_sim.products.usd.output import check_output, check_prim_name
+    from lunar_rover_sim.products.usd.stage import check_output, check_prim_name
     from lunar_rover_sim.products.usd.world_stage import write_world
     check_output(output, overwrite)
     prim = check_prim_name('World' if name is None else name)

@@ -10,8 +10,7 @@ import pytest
 import yaml
 
 from lunar_rover_sim.campaign.card import front_matter, write_card
-from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES
-from lunar_rover_sim.campaign.manifest import MANIFEST, write_json
+from lunar_rover_sim.campaign.manifest import CAMPAIGN_FILE, EPISODES, MANIFEST, write_json
 
 STATISTICS = {'duration_s': 20.0, 'frames': 400, 'sgm_error_px': None, 'bytes': 3_000_000_000}
 

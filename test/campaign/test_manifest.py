@@ -17,9 +17,8 @@ from lunar_rover_sim.campaign.card import write_card
 from lunar_rover_sim.campaign.dataset import Dataset
 from lunar_rover_sim.campaign.episode_plans import EpisodePlan, plan
 from lunar_rover_sim.campaign.episode_process import finish
-from lunar_rover_sim.campaign.layout import EPISODES
-from lunar_rover_sim.campaign.manifest import (file_table, MANIFEST, read_json, why_unfinished,
-                                               write_json)
+from lunar_rover_sim.campaign.manifest import (EPISODES, file_table, MANIFEST, read_json,
+                                               why_unfinished, write_json)
 from lunar_rover_sim.campaign.statistics import MEANINGS, statistics
 from lunar_rover_sim.campaign.verification import verify
 from lunar_rover_sim.cli.main import main

@@ -13,11 +13,9 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import CampaignError, ConfigError
 from lunar_rover_sim.campaign.campaign_file import parse_campaign
 from lunar_rover_sim.campaign.dataset import Dataset
-from lunar_rover_sim.campaign.episode import EpisodeTask, make_episode, Outcome
+from lunar_rover_sim.campaign.episode import EpisodeTask, make_episode, Outcome, run_local
 from lunar_rover_sim.campaign.episode_plans import EpisodePlan, plan
-from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES
-from lunar_rover_sim.campaign.manifest import MANIFEST, write_json
-from lunar_rover_sim.campaign.schedulers import run_local
+from lunar_rover_sim.campaign.manifest import CAMPAIGN_FILE, EPISODES, MANIFEST, write_json
 from lunar_rover_sim.campaign.sharding import Episode, split_worlds
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.products.sequences.export import export
@@ -146,7 +144,7 @@ def test_the_pool_stops_when_told(plans: list[EpisodePlan], tmp_path: Path,
     def interrupt(outcome: Outcome) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr('lunar_rover_sim.campaign.schedulers.make_episode', slow)
+    monkeypatch.setattr('lunar_rover_sim.campaign.episode.make_episode', slow)
     with Dataset(tmp_path / 'data', CAMPAIGN) as dataset:
         tasks = dataset.tasks(plans, [p.name for p in plans])
         with pytest.raises(KeyboardInterrupt):
@@ -163,7 +161,7 @@ def test_an_error_of_one_episode_is_not_that_of_the_others(
             raise RuntimeError('unexpected')
         return Outcome(task.plan.name, '', 0.0)
 
-    monkeypatch.setattr('lunar_rover_sim.campaign.schedulers.make_episode', broken)
+    monkeypatch.setattr('lunar_rover_sim.campaign.episode.make_episode', broken)
     outcomes: list[Outcome] = []
     with Dataset(tmp_path / 'data', CAMPAIGN) as dataset:
         run_local(dataset.tasks(plans, [p.name for p in plans]), tmp_path, 2, outcomes.append)

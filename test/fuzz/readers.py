@@ -25,8 +25,7 @@ from lunar_rover_sim.base.parameters import Parameters
 from lunar_rover_sim.campaign.campaign_file import parse_campaign
 from lunar_rover_sim.campaign.card import write_card
 from lunar_rover_sim.campaign.episode_plans import draw, episode
-from lunar_rover_sim.campaign.layout import EPISODES
-from lunar_rover_sim.campaign.manifest import why_unfinished
+from lunar_rover_sim.campaign.manifest import EPISODES, why_unfinished
 from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.model import World

@@ -14,7 +14,7 @@ import yaml
 
 from lunar_rover_sim.base.files.images import write_png
 from lunar_rover_sim.base.files.paths import config_path
-from lunar_rover_sim.campaign import layout
+from lunar_rover_sim.campaign.manifest import CAMPAIGN_FILE, EPISODES, ERROR_FILE, FAILED
 from lunar_rover_sim.campaign.campaign_file import load_campaign
 from lunar_rover_sim.campaign.manifest import file_table, FORMAT, MANIFEST
 from lunar_rover_sim.ground.world.build import build_world
@@ -210,7 +210,7 @@ def polar(folder: Path) -> None:
 
 def dataset(folder: Path) -> None:
     """A data set of one finished and one failed episode."""
-    episode = folder / layout.EPISODES / '0000'
+    episode = folder / EPISODES / '0000'
     episode.mkdir(parents=True)
     (episode / 'scenario.yaml').write_text(Scenario.load('baseline').to_yaml())
     images = episode / 'kitti' / 'image_0'
@@ -222,8 +222,8 @@ def dataset(folder: Path) -> None:
                 'statistics': {'duration_s': 1.0, 'frames': 10, 'distance_m': 0.1, 'bytes': 10,
                                'imu_preset': 'adis16448', 'sgm_density': 0.8}}
     (episode / MANIFEST).write_text(json.dumps(manifest))
-    failed = folder / layout.FAILED / '0001'
+    failed = folder / FAILED / '0001'
     failed.mkdir(parents=True)
-    (failed / layout.ERROR_FILE).write_text(json.dumps({'error': 'no space'}))
+    (failed / ERROR_FILE).write_text(json.dumps({'error': 'no space'}))
     plain = load_campaign('polar_suns').to_mapping()
-    (folder / layout.CAMPAIGN_FILE).write_text(json.dumps({'campaign': plain, 'sha256': ''}))
+    (folder / CAMPAIGN_FILE).write_text(json.dumps({'campaign': plain, 'sha256': ''}))

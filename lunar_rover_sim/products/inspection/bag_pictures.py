@@ -21,27 +21,40 @@ from lunar_rover_sim.bag.totals import driven_distance_m
 from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.errors import BagError
 from lunar_rover_sim.base.files.results import save_figure
+from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
 from lunar_rover_sim.image.camera.encoding import eight_bits
 from lunar_rover_sim.image.rendering import layer_pictures
 from lunar_rover_sim.products.inspection.map_pictures import map_figure, overview_figure
-from lunar_rover_sim.products.inspection.sensor_pictures import sensor_figure
 from lunar_rover_sim.run.recorded_run import RecordedRun
+from lunar_rover_sim.sensors.registry import SENSORS
+from lunar_rover_sim.sensors.sensor import Sensor
+
+Save = Callable[[Figure, str], None]
 
 _OF_LEFT = (topics.LABELS, topics.CRATERS, topics.SHADOW, topics.NORMALS, topics.OPTICAL_FLOW,
             topics.SCENE_FLOW)
 _LEFT_OF = dict(zip(topics.OF_RIGHT, (topics.TRUE_DEPTH, topics.LABELS, topics.CRATERS,
                                       topics.SHADOW, topics.NORMALS), strict=True))
+_OF_HAZARD = (topics.HAZARD_IMAGE, topics.HAZARD_DEPTH, topics.HAZARD_LABELS,
+              topics.HAZARD_CRATERS)
+_CHASE_FRAMES = 4
+_MOST_WINDOWS = 16      # of a site, whose fine ground a map shows
+_NEAR_SHARE = 95.0      # the map of a scan extends to this percentile of the distances
+_CLOUDS = topics.LIDAR_POINTS, topics.LIDAR_DESKEWED
+FRAMES = 4
+_PANEL = 5.5, 2.7       # of a sensor [inch]
+_SHOWN_ELSEWHERE = (topics.IMU_RAW,)    # imu.png shows it
 
 
-def truth_figures(bag: Bag, save: Callable[[Figure, str], None]) -> None:
+def truth_figures(bag: Bag, save: Save) -> None:
     """Draw the truth of the last frame with all recorded layers, for each camera of the pair."""
     _figure(bag, _OF_LEFT, 'truth.png', save)
     _figure(bag, topics.OF_RIGHT, 'truth_right.png', save)
 
 
 def _figure(bag: Bag, shown: Sequence[topics.Topic], file: str,
-            save: Callable[[Figure, str], None]) -> None:
+            save: Save) -> None:
     wanted = [topic for topic in shown if bag.has(topic.name)]
     stamps = series.common_stamps(bag, [topic.name for topic in wanted])
     if not stamps:
@@ -72,16 +85,6 @@ def truth_picture(topic: topics.Topic, pixels: NDArray[np.generic]) -> NDArray[n
     if topic is topics.NORMALS:
         return layer_pictures.normal_picture(np.asarray(pixels, np.float32))
     return layer_pictures.flow_picture(np.asarray(pixels, np.float32))
-
-
-Save = Callable[[Figure, str], None]
-
-_OF_HAZARD = (topics.HAZARD_IMAGE, topics.HAZARD_DEPTH, topics.HAZARD_LABELS,
-              topics.HAZARD_CRATERS)
-_CHASE_FRAMES = 4
-_MOST_WINDOWS = 16      # of a site, whose fine ground a map shows
-_NEAR_SHARE = 95.0      # the map of a scan extends to this percentile of the distances
-_CLOUDS = topics.LIDAR_POINTS, topics.LIDAR_DESKEWED
 
 
 def hazard_figures(bag: Bag, save: Save) -> None:
@@ -191,9 +194,6 @@ def _draw_ring(above: Any, message: Any) -> None:
     above.legend(loc='upper right', fontsize=8)
 
 
-FRAMES = 4
-
-
 def preview(path: Path | str, output: Path | str, world: Path | str | None = None,
             progress: Callable[[str], None] | None = None,
             maps: OrbitalMap | None = None) -> list[Path]:
@@ -249,7 +249,7 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
     return paths
 
 
-def _stereo(bag: Bag, save: Callable[[Figure, str], None]) -> None:
+def _stereo(bag: Bag, save: Save) -> None:
     if not bag.has(topics.LEFT_IMAGE.name):
         return
     wanted = [t for t in (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.DISPARITY,
@@ -297,7 +297,7 @@ def _percentile(values: np.ndarray, percent: float) -> float:
     return float(np.percentile(known, percent)) if known.size else 1.0
 
 
-def _exposure(bag: Bag, save: Callable[[Figure, str], None]) -> None:
+def _exposure(bag: Bag, save: Save) -> None:
     """Draw exposure times that change."""
     name = topics.EXPOSURE.name
     found = [(header_ns(m) * 1e-9, 1e3 * exposure_s(m)) for _, _, m in bag.messages([name])] \
@@ -313,7 +313,7 @@ def _exposure(bag: Bag, save: Callable[[Figure, str], None]) -> None:
 
 
 def _trajectory(bag: Bag, odometry: series.Odometry, world: Path | str | None,
-                save: Callable[[Figure, str], None]) -> None:
+                save: Save) -> None:
     figure = Figure(figsize=(7, 6.5), layout='constrained')
     axes = figure.subplots()
     xy = odometry.positions_m[:, :2]
@@ -377,7 +377,7 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
                               label='rocks' if k == 0 else None))
 
 
-def _attitude(odometry: series.Odometry, save: Callable[[Figure, str], None]) -> None:
+def _attitude(odometry: series.Odometry, save: Save) -> None:
     figure = Figure(figsize=(9, 5.5), layout='constrained')
     upper, middle, lower = figure.subplots(3, 1, sharex=True)
     t = odometry.stamps_ns * 1e-9
@@ -393,7 +393,7 @@ def _attitude(odometry: series.Odometry, save: Callable[[Figure, str], None]) ->
     save(figure, 'attitude.png')
 
 
-def _imu(bag: Bag, save: Callable[[Figure, str], None]) -> None:
+def _imu(bag: Bag, save: Save) -> None:
     imu = series.read_imu(bag)
     if not len(imu.stamps_ns):
         return
@@ -413,3 +413,45 @@ def _finish(all_axes: tuple[Any, ...]) -> None:
     for axes in all_axes:
         axes.grid(alpha=0.3)
         axes.legend(loc='upper right', fontsize=8)
+
+
+def sensor_figure(bag: Bag, save: Save) -> None:
+    """Draw the numbers of each sensor's messages over time."""
+    legs = topics.legs_of(bag.types)
+    found = [(topic.name, sensor) for sensor in SENSORS
+             for topic in topics.of_legs(sensor.published, legs)
+             if topic not in _SHOWN_ELSEWHERE and bag.count(topic.name)]
+    if not found:
+        return
+    rows = -(-len(found) // 2)
+    columns = min(len(found), 2)
+    figure = Figure(figsize=(_PANEL[0] * columns, _PANEL[1] * rows), layout='constrained')
+    panels = figure.subplots(rows, columns, squeeze=False).flat
+    for axes, (name, sensor) in zip(panels, found):
+        _draw_sensor(axes, bag, name, sensor)
+    for axes in list(panels):
+        axes.set_axis_off()
+    save(figure, 'sensors.png')
+
+
+def _draw_sensor(axes: Any, bag: Bag, name: str, sensor: type[Sensor]) -> None:
+    rows = [(header_ns(message) / NS_PER_S, _numbers(sensor.read(name, message)))
+            for _, _, message in bag.messages([name])]
+    for key in rows[0][1]:
+        axes.plot([t for t, _ in rows], [values.get(key) for _, values in rows], lw=0.8, label=key)
+    axes.set_title(name, fontsize=9)
+    axes.set_xlabel('time [s]', fontsize=8)
+    axes.tick_params(labelsize=8)
+    axes.grid(alpha=0.3)
+    axes.legend(loc='best', fontsize=7)
+
+
+def _numbers(values: Any, name: str = '') -> dict[str, float]:
+    """Return the numbers among values of JSON, by their names and places."""
+    if isinstance(values, dict):
+        return {key: number for part, value in values.items()
+                for key, number in _numbers(value, part).items()}
+    if isinstance(values, list):
+        return {key: number for k, value in enumerate(values)
+                for key, number in _numbers(value, f'{name}[{k}]').items()}
+    return {name: values} if isinstance(values, (int, float)) else {}

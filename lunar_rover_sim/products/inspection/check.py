@@ -23,9 +23,9 @@ from lunar_rover_sim.base.errors import one_line
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.base.topics import DEPTH_FRAME, FRAME, STATE
 from lunar_rover_sim.products.inspection import checks, message_checks, tracking
+from lunar_rover_sim.products.inspection.bag_scan import (measured_period_ns, read_rover_data,
+                                                          RoverData, scenario_period_ns)
 from lunar_rover_sim.products.inspection.report import CheckReport, Status
-from lunar_rover_sim.products.inspection.rover_data import (measured_period_ns, read_rover_data,
-                                                            RoverData, scenario_period_ns)
 
 _RATE_TOLERANCE_NS = 1000
 _LATEST_NS = 5 * NS_PER_S    # longer than a run waits for the last answers

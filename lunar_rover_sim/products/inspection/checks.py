@@ -14,11 +14,10 @@ from lunar_rover_sim.base.gravity import MOON_MPS2
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.image.camera.fisheye import geometry_of
 from lunar_rover_sim.image.camera.hazard import HazardConfig, sides
-from lunar_rover_sim.products.inspection.bag_scan import BagScan
+from lunar_rover_sim.products.inspection.bag_scan import BagScan, DEPTH_SET, IMAGE_SET, RoverData
 from lunar_rover_sim.products.inspection.disparity_error import FrameError
 from lunar_rover_sim.products.inspection.message_checks import count_problem, recorded_names
 from lunar_rover_sim.products.inspection.report import CheckReport, Status
-from lunar_rover_sim.products.inspection.rover_data import DEPTH_SET, IMAGE_SET, RoverData
 
 _SCANS = (topics.LIDAR_POINTS, topics.LIDAR_DESKEWED, topics.LIDAR_SCAN)
 

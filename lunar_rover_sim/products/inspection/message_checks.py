@@ -17,9 +17,8 @@ from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.base.topics import DEPTH_FRAME, EVENT, FRAME, LATCHED, STATE, Topic
 from lunar_rover_sim.ground.regolith.config import REGOLITH
 from lunar_rover_sim.ground.world.config import WorldConfig
-from lunar_rover_sim.products.inspection.bag_scan import TopicScan
+from lunar_rover_sim.products.inspection.bag_scan import DEPTH_SET, IMAGE_SET, RoverData, TopicScan
 from lunar_rover_sim.products.inspection.report import CheckReport, grouped, Status
-from lunar_rover_sim.products.inspection.rover_data import DEPTH_SET, IMAGE_SET, RoverData
 from lunar_rover_sim.run.publication import is_recorded, unpublished
 from lunar_rover_sim.sensors.registry import sensor_of
 

@@ -27,8 +27,8 @@ from lunar_rover_sim.base.frames import Array, inverse
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.camera.rig import StereoRig
+from lunar_rover_sim.products.inspection.bag_scan import RoverData
 from lunar_rover_sim.products.inspection.report import CheckReport, Status
-from lunar_rover_sim.products.inspection.rover_data import RoverData
 from lunar_rover_sim.rover.description import RoverDescription
 
 STEREO_SEARCH_PX = 7.0

@@ -18,7 +18,7 @@ from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.frames import Array, inverse, wxyz_from_matrix
 from lunar_rover_sim.base.seconds import sortable_ns
-from lunar_rover_sim.products.sequences.further import RecordedCamera
+from lunar_rover_sim.products.sequences.sensors import RecordedCamera
 from lunar_rover_sim.products.sequences.sequence import numbers, PngWriter, Sequence
 
 _CAMERAS = {topics.LEFT_IMAGE.name: 'cam0', topics.RIGHT_IMAGE.name: 'cam1'}

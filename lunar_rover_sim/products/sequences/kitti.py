@@ -3,7 +3,7 @@
 Images of colour sensors are in image_2 and image_3, and grey ones of them in image_0 and image_1.
 Each image has a line with the pose of the left camera in the frame of the first one: the upper
 three rows of the matrix (Geiger et al., CVPR 2012). Where the bag has clouds of a LiDAR, each has
-a scan in velodyne as well: see `velodyne.py`.
+a scan in velodyne as well: see `VelodyneFiles`.
 """
 
 from __future__ import annotations

@@ -20,8 +20,8 @@ from lunar_rover_sim.base.errors import SequenceError
 from lunar_rover_sim.base.files.images import write_png
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.seconds import in_seconds
-from lunar_rover_sim.products.sequences.further import further_cameras, RecordedCamera
-from lunar_rover_sim.products.sequences.sensors import recorded_sensors, SensorSuite
+from lunar_rover_sim.products.sequences.sensors import (further_cameras, recorded_sensors,
+                                                        RecordedCamera, SensorSuite)
 from lunar_rover_sim.run.recorded_run import RecordedRun
 
 _THREADS = 2

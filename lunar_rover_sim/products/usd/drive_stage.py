@@ -26,14 +26,13 @@ from lunar_rover_sim.base.frames import Array, BASE_FRAME, IMU_FRAME, matrix_fro
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.regolith.overlay import CELL_M
 from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.products.usd.cameras import LEFT, RIGHT
-from lunar_rover_sim.products.usd.conventions import new_stage, quaternion, vector
 from lunar_rover_sim.products.usd.drive_tracks import (can_hold_tracks, continuous, DriveMotion,
                                                        link_motion, read_ground_changes,
                                                        read_motion, Series, write_tracks)
-from lunar_rover_sim.products.usd.output import (check_output, Gf, is_package, Sdf, Tf, Usd,
-                                                 UsdPhysics, write_stage)
-from lunar_rover_sim.products.usd.rover_stage import compose_rover, JOINTS
+from lunar_rover_sim.products.usd.rover_stage import compose_rover, JOINTS, LEFT, RIGHT
+from lunar_rover_sim.products.usd.stage import (check_output, Gf, is_package, new_stage,
+                                                quaternion, Sdf, Tf, Usd, UsdPhysics, vector,
+                                                write_stage)
 from lunar_rover_sim.products.usd.world_stage import compose_world, HASH_KEY, StageSettings
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig

@@ -27,9 +27,9 @@ from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, product_wxyz
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.regolith.overlay import CELL_M, GroundChanges
 from lunar_rover_sim.ground.world.grid import HeightGrid
-from lunar_rover_sim.products.usd.conventions import add_mesh, integers, label, place, points
 from lunar_rover_sim.products.usd.ground import tile_cells, triangles
-from lunar_rover_sim.products.usd.output import Gf, Sdf, Usd, UsdGeom, Vt
+from lunar_rover_sim.products.usd.stage import (add_mesh, Gf, integers, label, place, points, Sdf,
+                                                Usd, UsdGeom, Vt)
 from lunar_rover_sim.rover.description import Legs, RoverDescription
 
 

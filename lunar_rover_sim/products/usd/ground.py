@@ -18,10 +18,10 @@ from lunar_rover_sim.ground.world.fine_relief import slopes
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.levels import axis_m
 from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
-from lunar_rover_sim.products.usd.conventions import (add_mesh, integers, label, place, points,
-                                                      single_quaternion)
 from lunar_rover_sim.products.usd.material import bind, bind_contact
-from lunar_rover_sim.products.usd.output import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
+from lunar_rover_sim.products.usd.stage import (add_mesh, Gf, integers, label, place, points, Sdf,
+                                                single_quaternion, Usd, UsdGeom, UsdPhysics,
+                                                UsdShade, Vt)
 
 F32 = NDArray[np.float32]
 

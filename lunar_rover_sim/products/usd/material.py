@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.image.illumination.hapke import HapkeParameters, reflectance
-from lunar_rover_sim.products.usd.output import Gf, Sdf, Usd, UsdPhysics, UsdShade
+from lunar_rover_sim.products.usd.stage import Gf, Sdf, Usd, UsdPhysics, UsdShade
 
 # Of the microfacet lobe: index of refraction 1, so that it has no reflectance at normal incidence.
 IOR = 1.0

@@ -17,12 +17,12 @@ from lunar_rover_sim.image.illumination.hapke import parameter_set
 from lunar_rover_sim.image.rendering.config import DetailConfig
 from lunar_rover_sim.image.rendering.relief_tiles import relief_heights
 from lunar_rover_sim.products.usd import ground
-from lunar_rover_sim.products.usd.conventions import add_gravity, label, new_stage, place
 from lunar_rover_sim.products.usd.material import (add_contact_material, add_material, bind,
                                                    bind_contact, fit_shading, Look, TWINS,
                                                    write_twins)
-from lunar_rover_sim.products.usd.output import (check_prim_name, Sdf, Usd, UsdGeom, UsdLux,
-                                                 UsdShade, write_stage)
+from lunar_rover_sim.products.usd.stage import (add_gravity, check_prim_name, label, new_stage,
+                                                place, Sdf, Usd, UsdGeom, UsdLux, UsdShade,
+                                                write_stage)
 
 # Of sunlight: 133 klx at 1361 W/m2. Lights of UsdLux are photometric.
 LUMENS_PER_WATT = 98.0

@@ -17,8 +17,7 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import SequenceError
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.products.sequences.export import export
-from lunar_rover_sim.products.sequences.shards import key_part, ShardWriter
-from lunar_rover_sim.products.sequences.webdataset import ShardOptions
+from lunar_rover_sim.products.sequences.webdataset import key_part, ShardOptions, ShardWriter
 
 TOPICS = (topics.LEFT_IMAGE, topics.LEFT_INFO, topics.RIGHT_IMAGE, topics.RIGHT_INFO,
           topics.TRUE_DEPTH, topics.ODOM, topics.TF_STATIC, topics.WORLD_HASH)

@@ -9,8 +9,8 @@ from lunar_rover_sim.base.errors import UsdError
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.products.usd import world_stage
-from lunar_rover_sim.products.usd.output import write_stage
 from lunar_rover_sim.products.usd.rover_stage import write_rover
+from lunar_rover_sim.products.usd.stage import write_stage
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.urdf import urdf
 

@@ -13,9 +13,8 @@ from stages import problems
 from lunar_rover_sim.base.frames import matrix_from_wxyz, se3, wxyz_from_rpy
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.camera.rig import StereoRig
-from lunar_rover_sim.products.usd.cameras import add_camera, CameraModel
-from lunar_rover_sim.products.usd.conventions import new_stage
-from lunar_rover_sim.products.usd.rover_stage import write_rover
+from lunar_rover_sim.products.usd.rover_stage import add_camera, CameraModel, write_rover
+from lunar_rover_sim.products.usd.stage import new_stage
 from lunar_rover_sim.rover.description import ImuMount, Legs, Motor, RoverDescription
 from lunar_rover_sim.rover.mjcf import rover_spec
 from lunar_rover_sim.rover.mounts import imu_pose
