@@ -88,12 +88,6 @@ def test_what_has_no_stamp_counts_and_messages_of_one_stamp_have_no_order(stamp_
     assert (said('turned', 'other', 'one') == first) == (stamp_ns is not None)
 
 
-def test_progress_is_told_once_a_message(items, original):
-    told = []
-    topic_hashes(original, lambda: told.append(1))
-    assert len(told) == sum(not is_skipped(item.topic) for item in items)
-
-
 @pytest.mark.parametrize('topic,skipped', [('/rosout', True), ('/rover/rosout', True),
                                            ('rosout', True), ('/my_rosout', False),
                                            ('/odom', False), ('/diagnostics', True)])

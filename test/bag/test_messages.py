@@ -11,7 +11,6 @@ from rosbags.typesys import get_typestore, Stores
 from lunar_rover_sim.bag import message_validity as validity
 from lunar_rover_sim.bag.message_validity import laser_scan_problem, lidar_cloud_problem
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.base.seconds import in_seconds
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 T = STORE.types
@@ -97,13 +96,6 @@ def test_a_message_cut_within_its_stamp_has_none():
     raw = STORE.serialize_cdr(MESSAGES['sensor_msgs/msg/Imu'], 'sensor_msgs/msg/Imu')
     assert stamp_ns('sensor_msgs/msg/Imu', raw[:11]) is None
     assert stamp_ns('sensor_msgs/msg/Imu', raw[:12]) == NS
-
-
-@pytest.mark.parametrize('ns,text', [
-    (0, '0.000000000'), (1, '0.000000001'), (-1, '-0.000000001'), (10**9, '1.000000000'),
-    (-1_500_000_000, '-1.500000000'), (NS, '1234567.890123456')])
-def test_stamps_are_written_with_nine_decimals(ns, text):
-    assert in_seconds(ns) == text
 
 
 @pytest.mark.parametrize('message,msgtype,problem', [

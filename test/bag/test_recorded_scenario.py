@@ -62,13 +62,6 @@ def test_a_bag_without_a_scenario_has_an_empty_one(text):
     assert recorded_scenario(OneMessage(TEXT), 'second').sections == RecordedScenario({}).sections
 
 
-def test_a_scenario_may_be_long():
-    """Some pages of it are read; more than a million characters are not."""
-    text = TEXT + '# of no use' * 500
-    assert recorded_scenario(OneMessage(text)).get('/**', 'seed') == 7
-    assert not recorded_scenario(OneMessage(TEXT + '#' * (1 << 20)))
-
-
 def test_of_several_rovers_each_has_its_own():
     bag = OneMessage(TEXT, 'second/scenario')
     assert recorded_scenario(bag, 'second').get('physics_node', 'seed') == 9

@@ -14,7 +14,6 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.campaign.statistics import statistics
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.products.inspection.check import check
-from lunar_rover_sim.products.inspection.film import pace_caption
 from lunar_rover_sim.products.inspection.report import Status
 from lunar_rover_sim.products.inspection.summary import summarise
 
@@ -98,11 +97,6 @@ def test_metadata_of_others(bag: Path, custom: object,
     assert factor_of(bag) is None
     assert main(['bag', 'info', str(bag)]) == 0
     assert 'real-time' not in capsys.readouterr().out
-
-
-def test_caption() -> None:
-    assert pace_caption(2.0, 0.371) == 'real-time factor 0.37, film speed × 2'
-    assert pace_caption(1.0, None) == 'film speed × 1'
 
 
 WALL_NS = 1_795_554_234 * 10**9

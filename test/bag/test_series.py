@@ -8,7 +8,6 @@ import synthetic_bag as synthetic
 
 from lunar_rover_sim.bag.messages import header_ns, pose_matrix
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.bag.series import CameraCalibration, read_imu, read_odometry
 from lunar_rover_sim.bag.totals import driven_distance_m, every_step
 from lunar_rover_sim.base.errors import BagError
 
@@ -26,31 +25,6 @@ def bag(items, tmp_path_factory):
 
 def messages(items: list[synthetic.Item], topic: str) -> list:
     return [item.message for item in items if item.topic == topic]
-
-
-def numbers(parts: list, names: str) -> np.ndarray:
-    return np.array([[getattr(part, name) for name in names] for part in parts])
-
-
-def test_imu(bag, items):
-    series, samples = read_imu(bag), messages(items, 'imu/data_raw')
-    assert len(series.stamps_ns) == len(samples) == 10
-    assert np.all(np.diff(series.stamps_ns) == 20_000_000)
-    np.testing.assert_array_equal(series.specific_forces_mps2,
-                                  numbers([s.linear_acceleration for s in samples], 'xyz'))
-    np.testing.assert_array_equal(series.rates_radps,
-                                  numbers([s.angular_velocity for s in samples], 'xyz'))
-
-
-def test_odometry(bag, items):
-    series, poses = read_odometry(bag), messages(items, 'odom')
-    np.testing.assert_array_equal(
-        series.positions_m, numbers([m.pose.pose.position for m in poses], 'xyz'))
-    np.testing.assert_array_equal(
-        series.orientations_wxyz, numbers([m.pose.pose.orientation for m in poses], 'wxyz'))
-    twists = [m.twist.twist for m in poses]
-    np.testing.assert_array_equal(series.twists, np.hstack([
-        numbers([t.linear for t in twists], 'xyz'), numbers([t.angular for t in twists], 'xyz')]))
 
 
 def test_frames_have_what_the_messages_of_their_stamp_have(tmp_path):
@@ -81,15 +55,6 @@ def test_frames_without_what_a_bag_lacks(tmp_path):
             next(bag.frames())
 
 
-def test_a_calibration_by_its_numbers():
-    """Principal point and focal lengths differ; the right camera lies a baseline away."""
-    K = np.array([[410.0, 0.0, 321.5], [0.0, 430.0, 238.25], [0.0, 0.0, 1.0]])
-    P = np.hstack([K, [[-410.0 * 0.12], [0.0], [0.0]]])
-    found = CameraCalibration(640, 480, K, np.zeros(5), np.eye(3), P, 'plumb_bob', 'right')
-    assert found.fx_fy_cx_cy_px == (410.0, 430.0, 321.5, 238.25)
-    assert found.baseline_m == pytest.approx(0.12)
-
-
 def test_rocking_is_no_distance():
     """At 200 Hz, 5 mm of rocking at 10 Hz would add 1 m/s to 0.1 m/s."""
     stamped = [(k * 5_000_000, (0.1 * k * 0.005, 0.0025 * math.sin(0.1 * math.pi * k), 0.0))
@@ -108,11 +73,6 @@ def test_of_every_step_the_first_and_the_last_of_all(first_ns):
     kept = list(every_step(stamped))
     assert [k for _, k in kept] == [0, 4, 7, 9]
     assert list(every_step(kept)) == kept
-
-
-@pytest.mark.parametrize('points', [[], [(7, (1.0, 2.0))]])
-def test_less_than_two_points_are_no_distance(points):
-    assert driven_distance_m(points) == 0.0
 
 
 def test_a_pause_in_the_recording_is_crossed_straight():

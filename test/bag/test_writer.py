@@ -67,11 +67,6 @@ def test_bag_time_is_the_stamp_or_the_fallback(tmp_path, items):
     assert times == [0, 7, 8, 9, 5_000_000, 5_000_000]
 
 
-def test_a_notebook_shows_a_bag_without_images_as_text(tmp_path):
-    with open_bag(synthetic.write(tmp_path / 'bag', synthetic.latched_items())) as bag:
-        assert repr(bag).split('(')[0] in bag._repr_html_() and '<img' not in bag._repr_html_()
-
-
 def test_latched_topics_are_offered_transient_local():
     assert contract_qos('/rover1/world_hash').durability.name == 'TRANSIENT_LOCAL'
     assert contract_qos('/tf_static').durability.name == 'TRANSIENT_LOCAL'
@@ -215,14 +210,6 @@ def test_a_damaged_file_is_named(tmp_path):
         open_bag(tmp_path / 'missing')
     with pytest.raises(BagError, match='cannot be read as a bag'):
         open_bag(path / 'bag.mcap')
-
-
-def test_the_metadata_name_the_distribution(tmp_path, items):
-    odom = next(i for i in items if i.topic == 'odom')
-    with BagWriter(tmp_path / 'bag', distribution='kilted') as writer:
-        writer.write('/odom', odom.msgtype, synthetic.serialise(odom), 0)
-    text = (tmp_path / 'bag' / 'metadata.yaml').read_text()
-    assert text.count('ros_distro: kilted') == text.count('ros_distro') == 1
 
 
 @pytest.mark.parametrize(('end_ns', 'duration_s', 'expected'), [

@@ -74,15 +74,6 @@ def test_worlds_are_split_and_nothing_is_lost(dataset: Path, tmp_path: Path,
     assert sorted(p.suffix for p in output.iterdir() if p.suffix != '.tar') == ['.json', '.json']
 
 
-def test_one_shard_is_told_in_the_singular(dataset: Path, tmp_path: Path,
-                                           capsys: pytest.CaptureFixture[str]) -> None:
-    two = tmp_path / 'two'
-    shutil.copytree(dataset, two, ignore=shutil.ignore_patterns('0002', '0003', '0004'))
-    assert main(['dataset', 'shards', str(two), '-o', str(tmp_path / 'shards'), '--test',
-                 '0.5']) == 0
-    assert capsys.readouterr().out.count(': 2 samples in 1 shard, 1 world\n') == 2
-
-
 def test_splits_are_the_same_every_time() -> None:
     drives = [Episode(f'{k:04d}', 'a', f'world {k}') for k in range(20)]
     split_of = split_worlds(drives, {'val': 0.1, 'test': 0.2})

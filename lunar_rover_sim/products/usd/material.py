@@ -12,7 +12,6 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.image.illumination.hapke import HapkeParameters, reflectance
@@ -36,34 +35,21 @@ class ShadingFit:
     Attributes:
         preview_albedo, preview_roughness: Of UsdPreviewSurface.
         lambert_albedo: Of OmniPBR.
-        preview_residual, lambert_residual: RMS of ln(radiance / Hapke's), weighted as the fit is.
-        towards, across, away: Radiance over Hapke's of Lambert's law, mean within 45 deg of
-            looking towards the sun, at right angles, and away from it.
     """
 
     preview_albedo: float
     preview_roughness: float
-    preview_residual: float
     lambert_albedo: float
-    lambert_residual: float
-    towards: float
-    across: float
-    away: float
 
 
 @dataclasses.dataclass(frozen=True)
 class Geometry:
-    """Directions in a scene: cosines of incidence, emission, phase, weights, azimuth of view.
-
-    Attributes:
-        azimuth_rad: 0 looks towards the sun.
-    """
+    """Directions in a scene: cosines of incidence, emission, phase; weights."""
 
     cos_i: Array
     cos_e: Array
     cos_g: Array
     weight: Array
-    azimuth_rad: Array
 
 
 def scene_geometry(sun_elevation_deg: float) -> Geometry:
@@ -84,7 +70,7 @@ def scene_geometry(sun_elevation_deg: float) -> Geometry:
     # A facet covers cos_e of the image.
     weight = weight * cos_e
     weight = weight[seen] / weight[seen].sum()
-    return Geometry(cos_i[seen], cos_e[seen], (view @ sun)[seen], weight, a[seen])
+    return Geometry(cos_i[seen], cos_e[seen], (view @ sun)[seen], weight)
 
 
 def preview_surface(geometry: Geometry, albedo: float, roughness: float) -> Array:
@@ -125,17 +111,9 @@ def fit_shading(ground: HapkeParameters, sun_elevation_deg: float,
         lobe = preview_surface(scene, 0.0, roughness)
         value = albedo(lobe, preview_surface(scene, 1.0, roughness) - lobe)
         found.append((residual(preview_surface(scene, value, roughness)), value, roughness))
-    least, preview_albedo, roughness = min(found)
-    lambert = albedo(np.zeros_like(truth), scene.cos_i / np.pi)
-    radiance = lambert * scene.cos_i / np.pi
-    turn = np.abs((scene.azimuth_rad + np.pi) % (2.0 * np.pi) - np.pi)
-
-    def ratio(which: NDArray[np.bool_]) -> float:
-        return float((weight * radiance)[which].sum() / (weight * truth)[which].sum())
-
-    return ShadingFit(preview_albedo, float(roughness), least, lambert, residual(radiance),
-                      ratio(turn < 0.25 * np.pi), ratio(np.abs(turn - 0.5 * np.pi) < 0.25 * np.pi),
-                      ratio(turn > 0.75 * np.pi))
+    _, preview_albedo, roughness = min(found)
+    return ShadingFit(preview_albedo, float(roughness),
+                      albedo(np.zeros_like(truth), scene.cos_i / np.pi))
 
 
 TWINS = 'omniverse.usda'

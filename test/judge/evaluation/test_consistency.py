@@ -153,15 +153,3 @@ def test_what_is_no_covariance_is_refused_by_its_pose(change):
         Trajectory(truth.stamps_ns, truth.positions_m, truth.orientations_wxyz, 'e', P)
     with pytest.raises(EvaluationError, match=r'covariances \(9, 6, 6\)'):
         Trajectory(truth.stamps_ns, truth.positions_m, truth.orientations_wxyz, 'e', P[:9])
-
-
-def test_errors_over_distance_are_those_of_a_wrong_scale():
-    """2 % of any distance, as far as the path is long."""
-    points = np.linspace([0.0, 0.0, 0.0], [24.0, 0.0, 0.0], 241)
-    truth = Trajectory(np.arange(241) * 100_000_000, points, np.tile([1.0, 0, 0, 0], (241, 1)))
-    estimate = Trajectory(truth.stamps_ns, 1.02 * points, truth.orientations_wxyz)
-    rows = evaluate(truth, estimate, align='none').over_distance
-    assert [row.distance_m for row in rows] == [1.0, 2.0, 5.0, 10.0, 20.0]
-    for row in rows:
-        assert row.error_percent == pytest.approx(2.0) and row.error_deg == 0.0
-        assert row.error_m == pytest.approx(0.02 * row.distance_m, rel=0.03)

@@ -4,21 +4,16 @@ import json
 from pathlib import Path
 from typing import Any
 
-from command_line import given
 import cv2
 from judge.evaluation.image_sets import write_set
-from matplotlib.figure import Figure
 import numpy as np
 import pytest
 
 from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.files.images import write_png
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.judge.evaluation import statistics
 from lunar_rover_sim.judge.evaluation.image_comparison import (compare_images, ImageComparison,
                                                                MeasureRow)
-from lunar_rover_sim.judge.evaluation.image_plots import save_comparison
-from lunar_rover_sim.judge.evaluation.image_statistics import MEASURES
 
 
 @pytest.fixture(scope='module')
@@ -109,36 +104,6 @@ def test_another_world(plain: Path, tmp_path: Path) -> None:
     assert slopes.difference.p < 0.01
 
 
-def test_the_figure_shows_the_numbers(plain: Path, tmp_path: Path,
-                                      monkeypatch: pytest.MonkeyPatch) -> None:
-    """Histograms with the area 1; a dot for each image, a large one for the mean, its interval."""
-    drawn: list[Figure] = []
-    monkeypatch.setattr(Figure, 'savefig', lambda figure, *_, **__: drawn.append(figure))
-    other = write_set(tmp_path / 'b', lambda image: 0.5 * image)
-    result = compare_images(plain, other, frames=4)
-    save_comparison(result, tmp_path / 'figure.png')
-    histograms, *measures = drawn[0].axes
-    for patch, one in zip(histograms.patches, (result.first, result.second)):
-        values, edges, _ = patch.get_data()
-        assert np.sum(values * np.diff(edges)) == pytest.approx(1.0)
-        assert edges[0] == -3.0 and edges[-1] == pytest.approx(0.0)
-        assert np.argmax(values) == np.argmax(one.log_gradients.mean(axis=0))
-    rows = [row for row in result.rows if row.first.n]
-    assert len(histograms.patches) == 2 and len(rows) == 6
-    for axes, row in zip(measures, rows):
-        assert axes.get_title().startswith(row.name) and f'{row.difference.p:.3g}' in (
-            axes.get_title())
-        index = list(MEASURES).index(row.name)
-        for k, (estimate, one) in enumerate(((row.first, result.first),
-                                             (row.second, result.second))):
-            dots, mean = axes.lines[2 * k:2 * k + 2]
-            assert dots.get_ydata() == pytest.approx(one.values[:, index], nan_ok=True)
-            assert abs(float(np.mean(dots.get_xdata())) - k) < 1e-9
-            assert mean.get_xydata()[0] == pytest.approx([k, estimate.value])
-            assert axes.collections[k].get_segments()[0][:, 1] == pytest.approx(
-                [estimate.low, estimate.high])
-
-
 def test_pairs_are_compared_as_pairs(plain: Path, tmp_path: Path,
                                      capsys: pytest.CaptureFixture[str]) -> None:
     """Scenes scatter widely and the second set is a little darker: shown by names alone.
@@ -162,28 +127,6 @@ def test_pairs_are_compared_as_pairs(plain: Path, tmp_path: Path,
     assert one.high - one.low < 0.1 * (other.high - other.low)
     assert main(['evaluate', 'images', str(first), str(tmp_path / 'b'), '--frames', '4']) == 0
     assert 'image by image' in capsys.readouterr().out
-
-
-def test_intervals_cover() -> None:
-    """Of 150 means of 30 values about 95 % of the intervals hold the truth; p is uniform."""
-    rng = np.random.default_rng(2)
-    held, small = 0, 0
-    for _ in range(150):
-        a, b = rng.normal(size=(2, 30))
-        one, means = statistics.estimate(a, rng)
-        other, others = statistics.estimate(b, rng)
-        held += one.low <= 0.0 <= one.high
-        small += statistics.difference(other.value - one.value, others - means).p < 0.05
-    assert 0.9 < held / 150 < 0.99 and small / 150 < 0.1
-
-
-def test_blocks_widen_the_interval_of_a_slow_series() -> None:
-    """Neighbours that resemble one another count for less."""
-    rng = np.random.default_rng(4)
-    slow = np.cumsum(rng.normal(size=64))
-    (one, _), (shuffled, _) = (statistics.estimate(values, np.random.default_rng(1))
-                               for values in (slow, rng.permutation(slow)))
-    assert one.high - one.low > 1.4 * (shuffled.high - shuffled.low)
 
 
 def test_command(plain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -226,11 +169,3 @@ def test_a_damaged_picture_is_named(tmp_path: Path) -> None:
     (tmp_path / '1.png').write_bytes(b'\x89PNG\r\n\x1a\n broken')
     with pytest.raises(EvaluationError, match='1.png: cannot be read as a picture'):
         compare_images(tmp_path, tmp_path)
-
-
-def test_the_group_has_a_default() -> None:
-    """`evaluate A B` is `evaluate trajectory A B`, also with options before its files."""
-    for words in (['evaluate', 'a', 'b'], ['evaluate', '--align', 'sim3', 'a', 'b'],
-                  ['-v', 'evaluate', 'trajectory', 'a', 'b']):
-        assert given(*words)['truth'] == 'a'
-    assert given('evaluate', 'images', 'a', 'b')['first'] == 'a'

@@ -4,19 +4,18 @@ import math
 from types import SimpleNamespace
 
 import cv2
-from judge.evaluation.image_sets import HEIGHT, texture, WIDTH
+from judge.evaluation.image_sets import HEIGHT, WIDTH
 import numpy as np
 import pytest
 from scipy.stats import wasserstein_distance
 
-from lunar_rover_sim.bag.series import spread
 from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.files.images import write_png
 from lunar_rover_sim.judge.evaluation.image_comparison import compare_images
 from lunar_rover_sim.judge.evaluation.image_statistics import (check_sizes, GreyPair, ground_mask,
                                                                image_statistics, levels_of,
                                                                LOG_BINS, LOG_FLOOR, LOG_STEP,
-                                                               MEASURES, SKY_STEP, spectrum_slope)
+                                                               MEASURES, SKY_STEP)
 
 
 def measures(pair, truth_shows_sky=False):
@@ -45,12 +44,6 @@ def test_a_ramp_has_one_gradient(across, down):
     inside = np.flatnonzero(shares > 0.01)
     assert edges[inside[0]] - 1e-3 <= expected <= edges[inside[-1] + 1] + 1e-3
     assert len(inside) <= 2 and edges[-1] == pytest.approx(0.0)
-
-
-def test_gradients_have_a_floor():
-    """An even image counts as a thousandth of full scale per pixel."""
-    values, shares = measures(GreyPair('', ramp(0.0, 0.0), None, ALL_GROUND), True)
-    assert values['log gradient'] == pytest.approx(LOG_FLOOR) and shares[0] == 1.0
 
 
 def test_gradients_next_to_the_sky_do_not_count():
@@ -162,14 +155,6 @@ def test_density_and_error_of_matching():
     assert measures(GreyPair('', left, right, truth), True)[0]['SGM density'] > 0.85
 
 
-@pytest.mark.parametrize('width,known', [(16, False), (17, True)])
-def test_an_image_must_be_wider_than_the_least_search(width, known):
-    left, right = scene(height=40, width=40, shift=2)
-    pair = GreyPair('', np.ascontiguousarray(left[:, :width]),
-                    np.ascontiguousarray(right[:, :width]))
-    assert np.isfinite(measures(pair)[0]['SGM density']) == known
-
-
 def test_levels_of_all_kinds_of_pixels():
     """The root of the signal; the mean of three channels, transparency left out."""
     assert levels_of(np.array([[0, 51, 255]], np.uint8), False) == pytest.approx(
@@ -202,13 +187,6 @@ def test_scaling_down_keeps_means_and_shape(width):
     assert found.name == 'a' and len(known) == pytest.approx(0.5 * found.left.size, rel=0.05)
     assert GreyPair('', image[:1]).narrowed(10).left.shape == (1, 10)
     assert GreyPair('', image).narrowed(30).right is None
-
-
-@pytest.mark.parametrize('most,expected', [(1, [0]), (2, [0, 10]), (3, [0, 5, 10]),
-                                           (6, [0, 2, 4, 6, 8, 10]), (11, list(range(11))),
-                                           (99, list(range(11)))])
-def test_items_are_chosen_evenly(most, expected):
-    assert spread(list(range(11)), most) == expected
 
 
 def test_images_of_other_sizes_are_named(tmp_path):
@@ -268,13 +246,6 @@ def test_the_same_seed_gives_the_same_intervals(sets):
     assert told['measures']['ORB matches']['a']['value'] is None
 
 
-def test_two_images_have_a_distance_without_an_interval(sets):
-    result = compare_images(sets.a, sets.b, frames=2)
-    assert result.distance.value > 0.0
-    assert np.isnan([result.distance.low, result.distance.p, result.chance]).all()
-    assert np.isfinite(compare_images(sets.a, sets.b, frames=3).distance.p)
-
-
 def test_shadow_and_sky() -> None:
     """The planted share of shadow is found; sky counts for nothing."""
     image = np.full((HEIGHT, WIDTH), 0.6, np.float32)
@@ -286,24 +257,3 @@ def test_shadow_and_sky() -> None:
     values = dict(zip(MEASURES, image_statistics(GreyPair('', image)).values))
     assert values['shadow share'] == pytest.approx(1.0 / 6.0, abs=0.01)
     assert np.isnan(values['ORB matches']) and np.isnan(values['SGM density'])
-
-
-def test_spectrum_of_a_flat_image() -> None:
-    """Has no slope; neither have a few rows."""
-    ground = np.ones((HEIGHT, WIDTH), bool)
-    assert np.isnan(spectrum_slope(np.full((HEIGHT, WIDTH), 0.5, np.float32), ground))
-    assert np.isnan(spectrum_slope(np.zeros((8, WIDTH), np.float32), ground[:8]))
-
-
-def test_the_smallest_image_with_a_spectrum() -> None:
-    """32 rows and columns have a slope, 31 of either have none; rows with sky do not count."""
-    image = texture(5, height=40, width=40).astype(np.float32)
-    for height, width, known in ((32, 32, True), (31, 32, False), (32, 31, False)):
-        part = image[:height, :width]
-        assert np.isfinite(spectrum_slope(part, np.ones(part.shape, bool))) == known
-    ground = np.ones((40, 32), bool)
-    ground[:8, 5] = False
-    assert spectrum_slope(image[:, :32], ground) == pytest.approx(
-        spectrum_slope(image[8:, :32], ground[8:]))
-    ground[8, 5] = False
-    assert np.isnan(spectrum_slope(image[:, :32], ground))

@@ -115,20 +115,6 @@ def test_the_share_tracked_counts_images_with_a_pose_near_them():
     assert doubled.tracked_share <= 1.0
 
 
-def test_results_as_plain_values():
-    """NaN is None; angles are in degrees; the transform is written out."""
-    truth = path(np.zeros((20, 3)))
-    told = evaluate(truth, truth, align='none').to_mapping()
-    assert told['scale'] is None and told['drift_percent'] is None and told['unmatched'] == 0
-    assert told['poses'] == 20 and told['ate_m']['count'] == 20 and told['align'] == 'none'
-    assert told['rpe_distance_m']['rmse'] is None and told['rpe_distance_m']['count'] == 0
-    assert told['alignment'] == {'rotation': np.eye(3).tolist(), 'translation_m': [0.0] * 3,
-                                 'scale': 1.0}
-    moved = evaluate(path(bent()), path(2.0 * bent() + [1.0, 2.0, 3.0]), align='yaw').to_mapping()
-    assert moved['scale'] == pytest.approx(0.5)
-    assert moved['alignment']['rotation'][2] == [0.0, 0.0, 1.0]
-
-
 def test_a_rover_that_stands_has_no_drift_in_percent():
     truth = path(np.zeros((20, 3)))
     result = evaluate(truth, truth, align='none')
@@ -158,71 +144,6 @@ def test_columns_of_the_formats(tmp_path):
         np.testing.assert_allclose(found.positions_m, [[1.0, 2.0, 3.0], [1.0, 2.0, 4.0]])
         np.testing.assert_allclose(np.abs(found.orientations_wxyz),
                                    [[half, half, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
-
-
-def along_x(positions_x, stamps_s=None):
-    """Return a trajectory on the x axis without turning."""
-    x = np.asarray(positions_x, float)
-    stamps = np.arange(len(x)) if stamps_s is None else np.asarray(stamps_s)
-    return Trajectory(np.round(stamps * 1e9).astype(np.int64), np.stack([x, 0 * x, 0 * x], axis=1),
-                      np.tile([1.0, 0.0, 0.0, 0.0], (len(x), 1)), 'path')
-
-
-def pairs_by_definition(progress, delta, slack):
-    """For every pose the later one whose progress is nearest to its own plus delta."""
-    found = []
-    for i in range(len(progress)):
-        later = range(i + 1, len(progress))
-        if not later:
-            continue
-        j = min(later, key=lambda j: (abs(progress[j] - progress[i] - delta), j))
-        if abs(progress[j] - progress[i] - delta) <= slack:
-            found.append([i, j])
-    return found
-
-
-@pytest.mark.parametrize('distance_m', [0.3, 1.0, 2.7])
-@pytest.mark.parametrize('seed', range(5))
-def test_pairs_by_distance_are_those_of_the_definition(seed, distance_m):
-    rng = np.random.default_rng(seed)
-    x = np.cumsum(rng.exponential(0.1, 120))
-    truth = along_x(x)
-    expected = pairs_by_definition(x - x[0], distance_m, metrics.PAIR_TOLERANCE * distance_m)
-    assert len(expected) > 30
-    assert metrics.pairs_by_distance(truth, distance_m).tolist() == expected
-
-
-@pytest.mark.parametrize('time_s', [0.25, 1.0, 3.3])
-@pytest.mark.parametrize('seed', range(5))
-def test_pairs_by_time_are_those_of_the_definition(seed, time_s):
-    rng = np.random.default_rng(seed)
-    stamps = np.round(np.cumsum(rng.uniform(0.02, 0.18, 100)), 6)
-    slack = 0.5 * np.median(np.diff(stamps))
-    expected = pairs_by_definition(stamps, time_s, slack)
-    assert len(expected) > 30
-    assert metrics.pairs_by_time(along_x(0 * stamps, stamps), time_s).tolist() == expected
-
-
-def test_of_two_equally_near_poses_the_earlier_ends_the_pair():
-    # 0.9375 and 1.0625 are equally far from 1, exactly so in doubles.
-    truth = along_x([0.0, 0.9375, 1.0625])
-    assert metrics.pairs_by_distance(truth, 1.0).tolist() == [[0, 1]]
-
-
-def test_the_tolerance_itself_is_still_within():
-    assert metrics.pairs_by_distance(along_x([0.0, 1.25]), 1.0, 0.25).tolist() == [[0, 1]]
-    assert metrics.pairs_by_distance(along_x([0.0, 0.75]), 1.0, 0.25).tolist() == [[0, 1]]
-    assert metrics.pairs_by_distance(along_x([0.0, 1.26]), 1.0, 0.25).tolist() == []
-
-
-def test_statistics_of_three_and_four():
-    """3, 4 and 8: mean 5, median 4, squares sum to 89, variance (4 + 1 + 9) / 3."""
-    found = metrics.Statistics.of(np.array([3.0, 8.0, 4.0]))
-    assert (found.mean, found.median, found.min, found.max, found.count) == (5.0, 4.0, 3.0, 8.0, 3)
-    assert found.rmse == pytest.approx(np.sqrt(89.0 / 3.0))
-    assert found.std == pytest.approx(np.sqrt(14.0 / 3.0))
-    nothing = metrics.Statistics.of(np.zeros(0))
-    assert nothing.count == 0 and np.isnan([nothing.rmse, nothing.mean, nothing.std]).all()
 
 
 def test_relative_errors_are_seen_from_the_pose_at_the_start():

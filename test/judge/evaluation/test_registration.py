@@ -101,49 +101,6 @@ def poses(stamps_ns, seed):
                       wxyz(Rotation.random(len(stamps_ns), random_state=seed)), f'poses {seed}')
 
 
-def by_definition(place, stamp, tolerance_ns):
-    """Return the true (position, rotation) at a stamp, or None; place: those of the truth."""
-    stamps = list(place)
-    if stamp in place:
-        return place[stamp]
-    before = max((s for s in stamps if s < stamp), default=None)
-    after = min((s for s in stamps if s > stamp), default=None)
-    near = [s for s in (before, after) if s is not None and abs(s - stamp) <= tolerance_ns]
-    if len(near) == 2:
-        share = (stamp - before) / (after - before)
-        (p, a), (q, b) = place[before], place[after]
-        turn = (a.inv() * b).as_rotvec()
-        return p + share * (q - p), a * Rotation.from_rotvec(share * turn)
-    if near:
-        return place[near[0]]
-    return None
-
-
-@pytest.mark.parametrize('seed', range(4))
-@pytest.mark.parametrize('tolerance_ns', [0, 3, 5])
-@pytest.mark.parametrize('start', [0, 1_400_000_000_000_000_000])
-def test_each_pose_is_that_of_the_definition(seed, tolerance_ns, start):
-    """Stamps of a few ns: many agree, many are just as far as the tolerance, some lie outside.
-
-    They count from the start of a simulation, or from 1970, which doubles do not hold.
-    """
-    rng = np.random.default_rng(seed)
-    truth = poses(start + np.sort(rng.choice(200, 50, replace=False)), seed)
-    estimate = poses(start + np.sort(rng.choice(np.arange(-9, 210), 90, replace=False)), seed + 9)
-    place = dict(zip(truth.stamps_ns.tolist(), zip(truth.positions_m, truth.rotations)))
-    expected = [by_definition(place, s, tolerance_ns) for s in estimate.stamps_ns.tolist()]
-    kept = [i for i, pose in enumerate(expected) if pose is not None]
-    found = associate(truth, estimate, tolerance_ns * 1e-9)
-    assert found.unmatched == 90 - len(kept) > 0 and found.truth.name == truth.name
-    assert found.estimate.stamps_ns.tolist() == estimate.stamps_ns[kept].tolist()
-    assert found.truth.stamps_ns.tolist() == estimate.stamps_ns[kept].tolist()
-    np.testing.assert_array_equal(found.estimate.positions_m, estimate.positions_m[kept])
-    for i, k in enumerate(kept):
-        position, rotation = expected[k]
-        np.testing.assert_allclose(found.truth.positions_m[i], position, atol=1e-12)
-        assert (found.truth.rotations[i].inv() * rotation).magnitude() < 1e-6
-
-
 def test_a_pose_outside_the_truth_takes_its_end():
     """1 ns before the first and after the last pose."""
     truth = poses(np.array([10, 20, 30]), 1)

@@ -9,35 +9,6 @@ from scipy import stats
 from lunar_rover_sim.judge.evaluation import statistics
 
 
-@pytest.mark.parametrize('count,length', [(1, 1), (3, 1), (4, 2), (8, 2), (27, 3), (64, 4),
-                                          (1000, 10)])
-def test_blocks_are_as_long_as_the_cube_root(count, length):
-    assert statistics.block_length(count) == length
-
-
-@pytest.mark.parametrize('count', [3, 11, 30, 64])
-def test_resamples_are_runs_of_neighbours_around_the_circle(count):
-    """Each block goes on by one, past the end to the start; all starts are as likely."""
-    places = statistics.resampled(count, np.random.default_rng(3))
-    assert places.shape == (statistics.RESAMPLES, count)
-    length = statistics.block_length(count)
-    for k in range(1, count):
-        if k % length:
-            assert ((places[:, k] - places[:, k - 1]) % count == 1).all()
-    drawn = np.bincount(places.ravel(), minlength=count) / places.size * count
-    # Each of the places is drawn 2000 times in the mean, by draws of blocks.
-    assert np.abs(drawn - 1.0).max() < 5.0 * np.sqrt(length / statistics.RESAMPLES)
-
-
-def test_an_estimate_is_the_mean_of_what_is_known():
-    values = np.array([1.0, np.nan, 4.0, 2.0, np.inf, 6.0])
-    one, means = statistics.estimate(values, np.random.default_rng(1))
-    assert (one.value, one.n) == (13.0 / 4.0, 4)
-    assert one.low == pytest.approx(np.percentile(means, 2.5))
-    assert one.high == pytest.approx(np.percentile(means, 97.5))
-    assert one.low < 3.25 < one.high and means.shape == (statistics.RESAMPLES,)
-
-
 @pytest.mark.parametrize('count', range(5))
 def test_three_values_have_an_interval_and_two_have_none(count):
     values = np.append(np.arange(1.0, count + 1.0)**2, np.nan)
@@ -66,15 +37,6 @@ def test_the_interval_of_independent_values_is_that_of_student(count):
     assert np.mean(halves) == pytest.approx(expected, rel=0.1)
 
 
-def test_the_estimate_moves_and_grows_with_its_values():
-    values = np.random.default_rng(7).normal(size=20)
-    one, _ = statistics.estimate(values, np.random.default_rng(1))
-    other, _ = statistics.estimate(5.0 - 3.0 * values, np.random.default_rng(1))
-    assert other.value == pytest.approx(5.0 - 3.0 * one.value)
-    assert other.low == pytest.approx(5.0 - 3.0 * one.high)
-    assert other.high == pytest.approx(5.0 - 3.0 * one.low)
-
-
 @pytest.mark.parametrize('resamples,p', [
     (np.arange(1.0, 100.0), 2.0 * 1.0 / 100.0),             # none beyond 0: one counts anyway
     (-np.arange(1.0, 100.0), 2.0 * 1.0 / 100.0),
@@ -85,11 +47,6 @@ def test_p_counts_the_resamples_on_the_other_side_of_nothing(resamples, p):
     found = statistics.difference(2.5, resamples)
     assert found.value == 2.5 and found.p == pytest.approx(p)
     assert (found.low, found.high) == pytest.approx(np.percentile(resamples, [2.5, 97.5]))
-
-
-def test_a_difference_without_resamples_has_no_p():
-    found = statistics.difference(2.5, np.array([1.0, np.nan]))
-    assert found.value == 2.5 and np.isnan([found.low, found.high, found.p]).all()
 
 
 def test_p_by_permutation_is_that_of_all_permutations():
@@ -111,15 +68,6 @@ def test_p_by_permutation_is_that_of_all_permutations():
     assert p == pytest.approx(share, abs=4.0 * np.sqrt(share * (1.0 - share) / 4000) + 1e-3)
     # 33 of 35 are 94 %, 34 are 97 %: a draw of 4,000 may take either for 95 %.
     assert any(chance == pytest.approx(one) for one in sorted(all_of_them)[32:34])
-
-
-def test_the_least_p_by_permutation_is_one_in_all():
-    """Sets without anything in common: only shuffles that change nothing are as far apart."""
-    first, second = np.tile([1.0, 0.0], (20, 1)), np.tile([0.0, 1.0], (20, 1))
-    p, chance = statistics.permutation_p(first, second, np.random.default_rng(1), 99)
-    assert p == 1.0 / 100.0 and 0.0 < chance < 1.0
-    same = np.tile([0.5, 0.5], (20, 1))
-    assert statistics.permutation_p(same, same, np.random.default_rng(1), 99) == (1.0, 0.0)
 
 
 def test_pairs_change_sides_with_one_another():
@@ -214,11 +162,6 @@ def test_the_interval_of_a_mean_covers_it(kind, count):
     found = [statistics.Mean.of(draw(rng, count)) for _ in range(2000)]
     covered = np.mean([each.low <= mean <= each.high for each in found])
     assert least <= covered <= 0.965
-
-
-def test_a_mean_of_two_has_no_interval_and_of_nothing_no_value():
-    assert statistics.Mean.of(np.array([1.0, np.nan, 2.0])).text(1) == '1.5'
-    assert statistics.Mean.of(np.array([np.nan])).text(1) == '–'
 
 
 def test_the_interval_of_a_share_covers_it_within_0_and_1():
