@@ -22,7 +22,7 @@ from waiting import LIMIT_S  # noqa: E402
 
 from lunar_rover_sim.base.errors import PhysicsError  # noqa: E402
 from lunar_rover_sim.nodes.simulation_services import SimulationServices, topic_of  # noqa: E402
-from lunar_rover_sim.rover.rover_file import load_rover  # noqa: E402
+from lunar_rover_sim.rover.description import load_rover  # noqa: E402
 
 OK, UNSUPPORTED, NOT_FOUND, INCORRECT, FAILED = 1, 0, 2, 3, 4
 STOPPED, PLAYING, PAUSED, QUITTING, NO_WORLD = range(5)
