@@ -14,9 +14,9 @@ import yaml
 
 from lunar_rover_sim.base.files.images import write_png
 from lunar_rover_sim.base.files.paths import config_path
-from lunar_rover_sim.campaign.manifest import CAMPAIGN_FILE, EPISODES, ERROR_FILE, FAILED
 from lunar_rover_sim.campaign.campaign_file import load_campaign
-from lunar_rover_sim.campaign.manifest import file_table, FORMAT, MANIFEST
+from lunar_rover_sim.campaign.manifest import (CAMPAIGN_FILE, EPISODES, ERROR_FILE, FAILED,
+                                               file_table, FORMAT, MANIFEST)
 from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.world_folder import save_world
