@@ -26,7 +26,7 @@ from lunar_rover_sim.cli.main import COMMANDS, load
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.run.node_config import COMPANION_CONFIGS, NODE_CONFIGS
+from lunar_rover_sim.run.node_config import COMPANION_CONFIGS, FOLLOWS, NODE_CONFIGS
 from lunar_rover_sim.run.scenario import RunConfig, Scenario, SHARED
 from lunar_rover_sim.run.shared_config import NodeConfig
 
@@ -101,12 +101,24 @@ def parameter_tables() -> str:
         title = 'Shared by all nodes: `/**`' if section == SHARED else f'`{section}`'
         parts += [f'## {title}', '', '| parameter | default | valid | meaning |',
                   '|---|---|---|---|']
+        by_run: list[str] = []
+        follows = {name.removeprefix(f'{section}.'): other for name, other in FOLLOWS.items()
+                   if name.startswith(f'{section}.')}
         for name, value, info, _ in cls().flatten(documented=True):
+            if name in follows or name.partition('.')[0] in follows:
+                continue
+            if info.by_run:
+                by_run.append(f'`{name}`')
+                continue
             if name in shared and issubclass(cls, NodeConfig) and section != SHARED:
                 continue
             live = ' (live)' if info.live else ''
             parts.append(f'| `{name}` | `{plain(value)}` | {cell(info.valid())} | '
                          f'{cell(info.doc)}{live} |')
+        parts += [f'| `{name}` | that of `{other}` | | a run takes it over |'
+                  for name, other in follows.items()]
+        if by_run:
+            parts += ['', f'A run sets {", ".join(by_run)}.']
         parts.append('')
     return '\n'.join(parts)
 

@@ -7,7 +7,7 @@ the YAML loader, the ROS parameter descriptors and the documentation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 import dataclasses
 import logging
 import math
@@ -79,6 +79,7 @@ class ParamInfo:
 
     `low` and `high` are inclusive unless `open_low`, `open_high`; for lists they bound every
     element and `length` bounds their number. `live` parameters may change while a node runs.
+    A run sets those that are `by_run`, no user.
     """
 
     doc: str
@@ -90,6 +91,7 @@ class ParamInfo:
     choices: tuple[str, ...] = ()
     length: int | None = None
     live: bool = False
+    by_run: bool = False
 
     def valid(self) -> str:
         """Return what is valid, in words."""
@@ -131,9 +133,12 @@ class Parameters:
     Attributes:
         gone: Parameters of earlier versions that change nothing any more, with their defaults:
             recorded scenarios name them. They are read and left out.
+        fixed: Fields of a base class that keep the defaults of this one, and are no parameters
+            here.
     """
 
     gone: ClassVar[Mapping[str, Any]] = {}
+    fixed: ClassVar[Container[str]] = ()
 
     def __post_init__(self) -> None:
         hints = _hints(type(self))
@@ -160,13 +165,14 @@ class Parameters:
         if not isinstance(mapping, Mapping):
             raise ConfigError(f'{where or cls.__name__}: {brief(mapping)} is not a mapping of '
                               'parameter names to values')
-        fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+        fields = {f.name: f for f in dataclasses.fields(cls)  # type: ignore[arg-type]
+                  if f.name not in cls.fixed}
         hints = _hints(cls)
         values: dict[str, Any] = {}
         for key, value in nest(mapping, where).items():
             name = f'{where}.{key}' if where else key
-            if key in cls.gone:
-                if value != cls.gone[key]:
+            if key in cls.gone or key in cls.fixed:
+                if value != (cls.gone[key] if key in cls.gone else _plain(getattr(cls(), key))):
                     log.warning('%s: there is no such parameter any more; %s is ignored',
                                 _shown(name), brief(value))
                 continue
@@ -188,16 +194,14 @@ class Parameters:
         """Return nested plain values (lists for tuples), the inverse of `from_mapping`."""
         result: dict[str, Any] = {}
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            if field.name in self.fixed:
+                continue
             value = getattr(self, field.name)
             if isinstance(value, Named):
                 if not value:
                     continue        # ROS 2 has no empty groups
                 value = {name: one.to_mapping() for name, one in value.items()}
-            elif isinstance(value, Parameters):
-                value = value.to_mapping()
-            elif isinstance(value, tuple):
-                value = list(value)
-            result[field.name] = value
+            result[field.name] = _plain(value)
         return result
 
     def flatten(self, prefix: str = '',
@@ -210,6 +214,8 @@ class Parameters:
         hints = _hints(type(self))
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
+            if field.name in self.fixed:
+                continue
             if isinstance(value, Named):
                 sets = {NAME: field.metadata['named']()} if documented else value
                 for name, one in sets.items():
@@ -218,6 +224,13 @@ class Parameters:
                 yield from value.flatten(f'{prefix}{field.name}.', documented)
             else:
                 yield prefix + field.name, value, field.metadata['info'], hints[field.name]
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as a file has it."""
+    if isinstance(value, Parameters):
+        return value.to_mapping()
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _offered(cls: type[Parameters], key: str, fields: Iterable[str], where: str) -> str:

@@ -33,7 +33,6 @@ from lunar_rover_sim.rover.pose import RoverPose
 if TYPE_CHECKING:
     from lunar_rover_sim.rover.physics.state import RoverState
     from lunar_rover_sim.sensors.imu import ImuSample
-    from lunar_rover_sim.sensors.registry import OdometryConfig
     from lunar_rover_sim.sensors.wheel_odometry import WheelOdometry
 
 # What messages state of exact values, in the squares of their units. Zeros would mean `unknown` in
@@ -65,12 +64,10 @@ def fill_odometry(msg: Odometry, state: RoverState, stamp: Time,
     return msg
 
 
-def set_odometry_covariance(msg: Odometry, stated: OdometryConfig) -> None:
-    """Write the variances that are stated of pose and twist into `msg`."""
-    for covariance, linear, angular in (
-            (msg.pose.covariance, stated.position_stddev_m, stated.orientation_stddev_rad),
-            (msg.twist.covariance, stated.linear_stddev_mps, stated.angular_stddev_radps)):
-        covariance[:] = np.diag([linear**2] * 3 + [angular**2] * 3).ravel()
+def set_odometry_covariance(msg: Odometry) -> None:
+    """Write variances of pose and twist into `msg`, whose values are exact."""
+    for covariance in (msg.pose.covariance, msg.twist.covariance):
+        covariance[:] = EXACT_VARIANCE * np.eye(6).ravel()
 
 
 def fill_wheel_odometry(msg: Odometry, odometry: WheelOdometry) -> None:

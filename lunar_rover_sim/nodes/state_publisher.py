@@ -59,7 +59,7 @@ class StatePublisher:
             self._messages[topic.name] = message_type()
             self._publishers[topic.name] = node.create_publisher(message_type, topic.graph_name,
                                                                  qos.offered(topic))
-        conversions.set_odometry_covariance(self._messages[self._truth.name], config.odometry)
+        conversions.set_odometry_covariance(self._messages[self._truth.name])
         self._tf = _tf_publisher(node, topics.TF)
         publish_frames(node, fixed_frames(rover))
 

@@ -81,7 +81,7 @@ class PhysicsNodeConfig(SensorsConfig, NodeConfig, PhysicsConfig):
     duration_s: float = param(0.0, 'simulated time after which the node ends; 0 for never',
                               unit='s', low=0.0, high=MAX_DURATION_S)
     end_when_navigated: bool = param(False, 'end at the stamp of navigator/finished, where that '
-                                     'is before duration_s; a run with navigator_node sets it')
+                                     'is before duration_s', by_run=True)
     start_paused: bool = param(False, 'wait for ~/pause or ~/step before time starts')
     publish_tf: bool = param(True, 'publish odom to base_link and to base_footprint; false '
                              'where an estimator does. The legs and sensors on base_link are '
@@ -209,9 +209,9 @@ class RenderNodeConfig(PacedConfig, NodeConfig, RenderConfig):
                              unit='frames', low=1, high=200, live=True)
     await_readers: tuple[str, ...] = param((), 'topics that must have subscribers before the '
                                            'first frame is drawn in lockstep',
-                                           choices=FRAME_TOPICS)
+                                           choices=FRAME_TOPICS, by_run=True)
     await_ground: bool = param(False, 'in lockstep a frame is drawn when ground/changes of its '
-                               'stamp has arrived; a run sets it where the ground gives')
+                               'stamp has arrived', by_run=True)
 
     @property
     def frame_period_ns(self) -> int:
@@ -250,22 +250,23 @@ class LidarNodeConfig(PacedConfig, NodeConfig, LidarConfig):
     """Parameters of lidar_node."""
 
     await_readers: tuple[str, ...] = param((), 'topics that must have subscribers before the '
-                                           'first scan in lockstep; a run names those that it '
-                                           'records', choices=LIDAR_TOPICS)
+                                           'first scan in lockstep', choices=LIDAR_TOPICS,
+                                           by_run=True)
     await_ground: bool = param(False, 'in lockstep a scan is made when ground/changes up to its '
-                               'start have arrived; a run sets it where the ground gives')
+                               'start have arrived', by_run=True)
 
 
 @dataclasses.dataclass(frozen=True)
 class RecorderNodeConfig(NodeConfig, RecorderConfig):
     """Parameters of recorder_node."""
 
-    scenario_file: str = param('', 'file of the resolved scenario, which the bag stores')
+    scenario_file: str = param('', 'file of the resolved scenario, which the bag stores',
+                               by_run=True)
     acknowledge: tuple[str, ...] = param((), 'topics whose newest written stamps make '
-                                         'recorder/written')
+                                         'recorder/written', by_run=True)
     acknowledge_periods_s: tuple[float, ...] = param(
         (), 'period of each of these topics, which is complete until its next message is due; 0 '
-        'where it has none; empty: 0 for all; a run sets them', unit='s', low=0.0)
+        'where it has none; empty: 0 for all', unit='s', low=0.0, by_run=True)
 
     def validate(self) -> None:
         """Raise ConfigError unless each acknowledged topic has one period, or none has."""
@@ -365,8 +366,8 @@ class NavigatorNodeConfig(PacedConfig, NodeConfig, NavigatorConfig):
     map_lag_s: float = param(0.25, 'in lockstep a command is made from the map and, with slam, '
                              'the pose of so long before: what a real rover computes meanwhile',
                              unit='s', low=0.05, high=5.0)
-    map_period_s: float = param(0.1, 'period of map/traversability; a run sets that of the depth',
-                                unit='s', low=0.005, high=10.0)
+    map_period_s: float = param(0.1, 'period of map/traversability, that of the depth', unit='s',
+                                low=0.005, high=10.0, by_run=True)
     end_after_s: float = param(1.0, 'time after arrival, or after giving up, at which a run ends; '
                                'negative: it goes on for its whole duration', unit='s', low=-1.0,
                                high=3600.0)

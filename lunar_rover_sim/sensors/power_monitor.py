@@ -26,26 +26,25 @@ from lunar_rover_sim.sensors.sensor import number, Platform, POWER, Sensor, Supp
 if TYPE_CHECKING:
     from lunar_rover_sim.rover.physics.state import RoverState
 
+# Of the INA226 (data sheet SBOS547B, 2024, typical values, which are taken for standard
+# deviations): range and step of the shunt's voltage, step of that of the supply; the offset of
+# each has a deviation of one step.
+_SHUNT_RANGE_V, _SHUNT_STEP_V, _BUS_STEP_V = 0.08192, 2.5e-6, 1.25e-3
+
 
 @dataclasses.dataclass(frozen=True)
 class PowerMonitorConfig(Parameters):
     """Monitors of voltage and current in the supply line of each motor and of all of them.
 
-    The defaults are those of a Texas Instruments INA226 (data sheet SBOS547B, 2024, typical
-    values, which are taken for standard deviations) with shunts of 20 mohm, for up to 4 A.
+    The part is a Texas Instruments INA226 with shunts of 20 mohm, for up to 4 A.
     """
+
+    gone = {'shunt_range_v': 0.08192, 'shunt_step_v': 2.5e-6, 'shunt_offset_v': 2.5e-6,
+            'bus_step_v': 1.25e-3, 'bus_offset_v': 1.25e-3}
 
     enabled: bool = param(True, 'false publishes the true values')
     shunt_ohm: float = param(0.02, 'shunt resistor', unit='ohm', low=0.0, open_low=True,
                              high=1000.0)
-    shunt_range_v: float = param(0.08192, 'largest voltage over the shunt', unit='V', low=0.0,
-                                 open_low=True, high=100.0)
-    shunt_step_v: float = param(2.5e-6, 'step of that voltage', unit='V', low=0.0, high=1.0)
-    shunt_offset_v: float = param(2.5e-6, 'standard deviation of its offset', unit='V', low=0.0,
-                                  high=1.0)
-    bus_step_v: float = param(1.25e-3, 'step of the supply voltage', unit='V', low=0.0, high=1.0)
-    bus_offset_v: float = param(1.25e-3, 'standard deviation of its offset', unit='V', low=0.0,
-                                high=1.0)
     gain_error: float = param(2e-4, 'standard deviation of the gain of each', low=0.0, high=0.5)
 
 
@@ -75,8 +74,8 @@ class PowerMonitors:
         self._motor, self._config = motor, config
         count = motors + 1
         self._gain = 1.0 + config.gain_error * rng.standard_normal((2, count))
-        self._shunt_offset_v = config.shunt_offset_v * rng.standard_normal(count)
-        self._bus_offset_v = config.bus_offset_v * rng.standard_normal(count)
+        self._shunt_offset_v = _SHUNT_STEP_V * rng.standard_normal(count)
+        self._bus_offset_v = _BUS_STEP_V * rng.standard_normal(count)
 
     def measure(self, motor_torque_nm: ArrayLike, joint_velocity_radps: ArrayLike) -> LinePower:
         """Return what the parts show.
@@ -92,14 +91,14 @@ class PowerMonitors:
         if not c.enabled:
             return LinePower(voltage, current)
         shunt = np.clip(self._gain[0] * current * c.shunt_ohm + self._shunt_offset_v,
-                        -c.shunt_range_v, c.shunt_range_v)
+                        -_SHUNT_RANGE_V, _SHUNT_RANGE_V)
         return LinePower(
-            _rounded(self._gain[1] * voltage + self._bus_offset_v, c.bus_step_v),
-            _rounded(shunt, c.shunt_step_v) / c.shunt_ohm)
+            _rounded(self._gain[1] * voltage + self._bus_offset_v, _BUS_STEP_V),
+            _rounded(shunt, _SHUNT_STEP_V) / c.shunt_ohm)
 
 
 def _rounded(values: Array, step: float) -> Array:
-    return np.round(values / step) * step if step > 0.0 else values
+    return np.round(values / step) * step
 
 
 def supply_values(message: Any) -> dict[str, Any]:

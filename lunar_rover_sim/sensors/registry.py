@@ -9,7 +9,7 @@ import dataclasses
 
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError
-from lunar_rover_sim.base.parameters import group, param, Parameters
+from lunar_rover_sim.base.parameters import group, Parameters
 from lunar_rover_sim.base.topics import Topic
 from lunar_rover_sim.sensors.feet import FootSlip, Sinkage
 from lunar_rover_sim.sensors.imu import Imu, ImuConfig
@@ -26,28 +26,13 @@ SENSORS: tuple[type[Sensor], ...] = (
 
 
 @dataclasses.dataclass(frozen=True)
-class OdometryConfig(Parameters):
-    """What the covariance of `odom` states. The values are exact, whatever it states.
-
-    The defaults are far below what an estimator resolves, and far enough from zero to be inverted.
-    """
-
-    position_stddev_m: float = param(1e-4, 'stated standard deviation per axis', unit='m',
-                                     low=0.0, high=1e3)
-    orientation_stddev_rad: float = param(1e-4, 'stated standard deviation per axis', unit='rad',
-                                          low=0.0, high=10.0)
-    linear_stddev_mps: float = param(1e-4, 'stated standard deviation per axis', unit='m/s',
-                                     low=0.0, high=1e3)
-    angular_stddev_radps: float = param(1e-4, 'stated standard deviation per axis',
-                                        unit='rad/s', low=0.0, high=1e3)
-
-
-@dataclasses.dataclass(frozen=True)
 class SensorsConfig(Parameters):
     """The parameters of each sensor, by its name."""
 
+    gone = {'odometry': {'position_stddev_m': 1e-4, 'orientation_stddev_rad': 1e-4,
+                         'linear_stddev_mps': 1e-4, 'angular_stddev_radps': 1e-4}}
+
     imu: ImuConfig = group(ImuConfig)
-    odometry: OdometryConfig = group(OdometryConfig)
     wheel_odometry: WheelOdometryConfig = group(WheelOdometryConfig)
     power_monitor: PowerMonitorConfig = group(PowerMonitorConfig)
     sun_sensor: SunSensorConfig = group(SunSensorConfig)
@@ -60,7 +45,7 @@ def _check() -> None:
 
     What stood in one place only would vanish in silence.
     """
-    named = {field.name for field in dataclasses.fields(SensorsConfig)} - {'odometry'}
+    named = {field.name for field in dataclasses.fields(SensorsConfig)}
     for sensor in SENSORS:
         for topic in sensor.published:
             if topic not in topics.CONTRACT or topic.node != 'physics_node':

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 
 _ARCSEC = np.pi / 180.0 / 3600.0
 _SMALL_DIGITS = 20      # of variances
+# It is blind with a light nearer to its line of sight: with the sun where that shines on it, with
+# the middle of the Earth, whose place follows from a date, with the horizontal, where the bright
+# ground begins. Like all its values these are choices.
+_SUN_DEG, _EARTH_DEG, _GROUND_DEG = 34.0, 25.0, 25.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,6 +32,8 @@ class StarTrackerConfig(Parameters):
 
     All values are choices, of the size that small star trackers have.
     """
+
+    gone = {'sun_exclusion_deg': 34.0, 'earth_exclusion_deg': 25.0, 'ground_exclusion_deg': 25.0}
 
     enabled: bool = param(True, 'false publishes the true attitude, where stars can be seen')
     rate_hz: int = param(2, 'its period is a whole number of state periods', unit='Hz', low=1,
@@ -44,12 +50,6 @@ class StarTrackerConfig(Parameters):
                                low=0.0, high=36000.0)
     largest_rate_degps: float = param(3.0, 'turning faster it loses the stars', unit='deg/s',
                                       low=0.0, high=1000.0)
-    sun_exclusion_deg: float = param(34.0, 'it is blind with the sun nearer to its line of sight, '
-                                     'where the sun shines on it', unit='deg', low=0.0, high=180.0)
-    earth_exclusion_deg: float = param(25.0, 'the same for the middle of the Earth, whose place '
-                                       'follows from a date', unit='deg', low=0.0, high=180.0)
-    ground_exclusion_deg: float = param(25.0, 'the same for the horizontal, where the bright '
-                                        'ground begins', unit='deg', low=0.0, high=90.0)
 
 
 class StarCamera:
@@ -76,9 +76,9 @@ class StarCamera:
         sight = R_world_base @ self._R_base_sensor[:, 2]
         turning = float(np.linalg.norm(angular_velocity_radps))
         if (turning > np.radians(c.largest_rate_degps)
-                or sight[2] < np.sin(np.radians(c.ground_exclusion_deg))
-                or (sun is not None and _within(sight, sun.direction, c.sun_exclusion_deg))
-                or (earth is not None and _within(sight, earth, c.earth_exclusion_deg))):
+                or sight[2] < np.sin(np.radians(_GROUND_DEG))
+                or (sun is not None and _within(sight, sun.direction, _SUN_DEG))
+                or (earth is not None and _within(sight, earth, _EARTH_DEG))):
             return None
         if not c.enabled:
             return R_world_base

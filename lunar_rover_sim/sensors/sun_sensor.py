@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from lunar_rover_sim.rover.physics.state import RoverState
 
 _MOST_RAD = np.radians(89.99)       # of a measured angle
+_LEAST_SHARE = 0.5                  # of the disc of the sun, below which a head is silent
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,6 +30,8 @@ class SunSensorConfig(Parameters):
     deg, below 0.1 deg RMS over the field, 5 Hz). Its maker does not say how much of the error
     stays; half of its power is a choice.
     """
+
+    gone = {'least_share': 0.5}
 
     enabled: bool = param(True, 'false publishes the true direction, within the field of view')
     rate_hz: int = param(5, 'its period is a whole number of state periods', unit='Hz', low=1,
@@ -43,8 +46,6 @@ class SunSensorConfig(Parameters):
                                        high=90.0)
     field_of_view_deg: float = param(140.0, 'full angle of the cone of a head', unit='deg',
                                      low=1.0, high=170.0)
-    least_share: float = param(0.5, "share of the sun's disc below which a head is silent",
-                               low=0.0, high=1.0)
     bias_deg: float = param(0.07, 'standard deviation of the error that a head keeps, per axis',
                             unit='deg', low=0.0, high=45.0)
     noise_deg: float = param(0.07, 'standard deviation of the error of a measurement, per axis',
@@ -75,7 +76,7 @@ class SunHeads:
         Args:
             sun: What the place of the sensor sees.
         """
-        if sun is None or sun.share < self._config.least_share or not self._heads:
+        if sun is None or sun.share < _LEAST_SHARE or not self._heads:
             return None
         direction = R_world_base.T @ sun.direction
         k = int(np.argmax([head[2] @ direction for head in self._heads]))

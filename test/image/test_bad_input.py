@@ -28,7 +28,6 @@ RENDER = [
     {'hazard.front.camera.distortion': [0.1, 0.0, 0.0, 0.0, 0.0]},
     {'hazard.front.camera.fisheye_distortion': DISTORTED, 'hazard.front.camera.model': 'pinhole',
      'hazard.front.camera.horizontal_fov_deg': 90.0},
-    {'hazard.front.camera.near_m': 10.0, 'hazard.front.camera.far_m': 10.0},
     *({'sun.date': date} for date in ('yesterday', '2026-02-30', '1969-07-20T20:17:40Z',
                                       '2101-01-01', '0001-01-01T00:00:00+02:00')),
     {'sun.site.lat_deg': -89.5},

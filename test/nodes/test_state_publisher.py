@@ -26,7 +26,6 @@ from lunar_rover_sim.rover.urdf import urdf  # noqa: E402
 from lunar_rover_sim.rover.visual import link_poses  # noqa: E402
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig  # noqa: E402
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise  # noqa: E402
-from lunar_rover_sim.sensors.registry import OdometryConfig  # noqa: E402
 
 
 def random_state(rng: np.random.Generator) -> RoverState:
@@ -168,7 +167,7 @@ def test_refilled_messages_equal_new_ones() -> None:
     sample = same.measure(second.specific_force_mps2, second.imu_rate_radps)
     stamp = conversions.time_msg(1_234_567_890_123)
     odometry = Odometry()
-    conversions.set_odometry_covariance(odometry, OdometryConfig())
+    conversions.set_odometry_covariance(odometry)
     imu_wxyz = frames.wxyz_from_matrix(imu_pose(rover)[:3, :3])
     links = link_poses(rover, second.joint_angle_rad)
     expected = {

@@ -77,7 +77,7 @@ def test_electrons_and_exposures(unchanged: Unchanged) -> None:
             ('auto', SensorConfig(exposure_mode='auto', encoding='mono16', bits=10, f_number=2.8,
                                   psf_sigma_px=0.3, target_level=0.3, black_level=0.02)),
             ('fixed', SensorConfig(exposure_mode='fixed', companding='linear', encoding='rgb8',
-                                   exposure_s=0.003, pixel_well=1.3, transmission=0.7))):
+                                   exposure_s=0.003, pixel_well=1.3, f_number=4.5355737))):
         sensor = SensorModel(CameraConfig(), config)
         image = np.clip(waves((30, 44)) * np.iinfo(sensor.output_type).max, 0, None).astype(
             sensor.output_type)

@@ -175,8 +175,7 @@ def test_odometry_of_the_legs(unchanged: Unchanged) -> None:
 def test_power_of_the_motors(unchanged: Unchanged) -> None:
     arrays = {}
     for name, config in (('default', PowerMonitorConfig()), ('coarse', PowerMonitorConfig(
-            shunt_step_v=0.003, bus_step_v=0.5, gain_error=0.1, shunt_range_v=0.02,
-            shunt_offset_v=0.002, bus_offset_v=0.3))):
+            shunt_ohm=0.5, gain_error=0.1))):
         monitors = PowerMonitors(RoverDescription().motor, 4, config, np.random.default_rng(2))
         rng = np.random.default_rng(5)
         arrays[name] = [dataclasses.astuple(monitors.measure(2.0 * rng.normal(size=4),

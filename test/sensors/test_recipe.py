@@ -36,7 +36,7 @@ EDITS = {
         ('from lunar_rover_sim.sensors.wheel_odometry import',
          'from lunar_rover_sim.sensors.thermometer import Thermometer, ThermometerConfig\n'),
         ('Imu, FootSlip', 'Thermometer, '),
-        ('    odometry: OdometryConfig =',
+        ('    wheel_odometry: WheelOdometryConfig =',
          '    thermometer: ThermometerConfig = group(ThermometerConfig)\n')),
 }
 

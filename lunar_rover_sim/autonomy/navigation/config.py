@@ -15,6 +15,9 @@ POSES = (TRUTH, WHEELS, SLAM)
 class MapConfig(Parameters):
     """The rolling elevation map, and how depth enters it."""
 
+    gone = {'range_stddev_m': 0.01, 'least_hits': 2, 'contradictions': 4, 'least_share': 0.005,
+            'jump_m': 0.5}
+
     size_m: float = param(12.8, 'side length', unit='m', low=2.0, high=51.2)
     cell_m: float = param(0.05, 'cell size', unit='m', low=0.02, high=0.5)
     min_range_m: float = param(0.3, 'nearest depth that is used', unit='m', low=0.0, high=10.0)
@@ -22,8 +25,6 @@ class MapConfig(Parameters):
     disparity_stddev_px: float = param(
         0.3, 'error of a disparity: that of a depth is depth^2 / (focal length baseline) times '
         'it; 0: depth without noise', unit='px', low=0.0, high=10.0)
-    range_stddev_m: float = param(0.01, 'error of a range that does not grow with it: of a LiDAR,'
-                                  ' or of the calibration', unit='m', low=0.0, high=1.0)
     grazing: float = param(
         0.6, 'depth of a surface that falls away from the camera by more than this share of the '
         'line of sight is not used: what a matcher sees there is mostly the edge before it; 1: '
@@ -34,12 +35,8 @@ class MapConfig(Parameters):
         'image of 640 px, in proportion of others', unit='px', low=0.0, high=20.0)
     height_stddev_m: float = param(0.005, 'error of a height in a frame, however near', unit='m',
                                    low=1e-4, high=0.5)
-    least_hits: int = param(2, 'frames that must have seen a cell before it is known', low=1,
-                            high=100)
     gate: float = param(3.0, 'a height that differs by more standard deviations contradicts the '
                         'map and does not enter it', low=1.0, high=20.0)
-    contradictions: int = param(4, 'frames in a row that must contradict a cell before it takes '
-                                'their height', low=1, high=100)
     drift: float = param(0.01, 'error of height that an estimated pose gains per metre', low=0.0,
                          high=1.0)
     level_stddev_m: float = param(
@@ -48,11 +45,6 @@ class MapConfig(Parameters):
     level_stddev_deg: float = param(
         1.0, 'error of pitch and roll of the pose, corrected likewise; 0: the pose is trusted',
         unit='deg', low=0.0, high=20.0)
-    least_share: float = param(0.005, 'share of the pixels, or of the points, that must have '
-                               'entered the map before it counts as renewed: a covered lens, or '
-                               'the night, shows nothing', low=0.0, high=1.0)
-    jump_m: float = param(0.5, 'a pose that jumps by more, beyond what the rover can drive, '
-                          'begins the map anew', unit='m', low=0.05, high=10.0)
 
     def validate(self) -> None:
         """Raise ConfigError unless the map has a sensible number of cells and ranges fit it."""
@@ -80,15 +72,13 @@ class MapConfig(Parameters):
 class TraversabilityConfig(Parameters):
     """What the rover can cross; 0: the limit that follows from its description."""
 
+    gone = {'max_roughness_m': 0.0, 'window_m': 0.0}
+
     max_step_m: float = param(0.0, 'height over the ground around it that the rover must not '
                               'cross; 0: its belly clearance while it walks, or 0.6 of a spoke, '
                               'whichever is less', unit='m', low=0.0, high=2.0)
     max_slope_deg: float = param(16.0, 'slope that it must not cross', unit='deg', low=1.0,
                                  high=60.0)
-    max_roughness_m: float = param(0.0, 'RMS of heights about a plane as large as the rover; 0: '
-                                   '0.4 of the greatest step', unit='m', low=0.0, high=1.0)
-    window_m: float = param(0.0, 'side of that plane; 0: 1.5 lengths of the chassis', unit='m',
-                            low=0.0, high=5.0)
     fill_cells: int = param(2, 'holes of a map up to twice as wide are filled from their '
                             'edges', unit='cells', low=0, high=10)
 
@@ -121,19 +111,12 @@ class GlobalPlanConfig(Parameters):
     A metre over smooth, level ground costs 1.
     """
 
+    gone = {'slope_cost': 6.0, 'rough_m': 0.5, 'rough_cost': 2.0, 'crater_cost': 3.0,
+            'dark_cost': 10.0, 'blocked_cost': 20.0}
+
     cell_m: float = param(5.0, 'cell of the plan', unit='m', low=1.0, high=50.0)
     max_slope_deg: float = param(20.0, 'slope over a cell that it does not cross', unit='deg',
                                  low=1.0, high=60.0)
-    slope_cost: float = param(6.0, 'what a slope just below that costs more', low=0.0, high=100.0)
-    rough_m: float = param(0.5, 'RMS of heights about the plane of a cell and its neighbours '
-                           'that costs rough_cost more', unit='m', low=0.01, high=100.0)
-    rough_cost: float = param(2.0, 'what such ground costs more', low=0.0, high=100.0)
-    crater_cost: float = param(3.0, 'what the inside of a mapped crater costs more: its walls may '
-                               'be steeper than the pixels show', low=0.0, high=100.0)
-    dark_cost: float = param(10.0, 'what ground costs more that is known to lie in shadow',
-                             low=0.0, high=1000.0)
-    blocked_cost: float = param(20.0, 'what a cell costs more in which the rover found no way',
-                                low=1.0, high=1e4)
     from_m: float = param(20.0, 'a goal, or a way point after the one before, that is farther '
                           'than this is planned to over the map from orbit', unit='m', low=1.0)
     ahead_m: float = param(8.0, 'distance along the plan to the place that the local plan leads '
@@ -148,7 +131,9 @@ class GlobalPlanConfig(Parameters):
 class NavigatorConfig(Parameters):
     """How the navigator drives, looks, backs off and gives up."""
 
-    gone = {'half_width_m': 0.0}
+    gone = {'half_width_m': 0.0, 'turn_in_place_deg': 60.0, 'waypoint_tolerance_m': 0.4,
+            'plan_period_s': 1.0, 'look_ahead_m': 1.1, 'look_unknown_m': 0.15, 'tilt_time_s': 0.6,
+            'tipped_deg': 65.0, 'stuck_distance_m': 0.12}
 
     goal_x_m: float = param(0.0, 'goal at the start, x in odom', unit='m')
     goal_y_m: float = param(0.0, 'goal at the start, y in odom', unit='m')
@@ -161,24 +146,14 @@ class NavigatorConfig(Parameters):
                                       open_low=True, high=2.0)
     lookahead_m: float = param(0.4, 'distance along the plan to the point steered towards',
                                unit='m', low=0.0, open_low=True, high=5.0)
-    turn_in_place_deg: float = param(60.0, 'heading error above which the rover turns in place',
-                                     unit='deg', low=10.0, high=180.0)
     goal_tolerance_m: float = param(0.2, 'a goal is reached at this distance', unit='m', low=0.0,
                                     open_low=True, high=10.0)
-    waypoint_tolerance_m: float = param(0.4, 'a waypoint before the last is reached at this '
-                                        'distance', unit='m', low=0.0, open_low=True, high=10.0)
     goal_heading_deg: float = param(8.0, 'error of a final heading that is good enough; goals of '
                                     'NavigateToPose have one', unit='deg', low=1.0, high=180.0)
     start_delay_s: float = param(1.0, 'time at rest before the drive starts', unit='s', low=0.0,
                                  high=3600.0)
-    plan_period_s: float = param(1.0, 'time from plan to plan; at once where the way is blocked',
-                                 unit='s', low=0.05, high=60.0)
     better: float = param(0.85, 'a new plan replaces one that can still be driven if it costs '
                           'less than this share of it', low=0.0, high=1.0)
-    look_ahead_m: float = param(1.1, 'the plan must be known up to here, or the rover stops and '
-                                'looks', unit='m', low=0.1, high=10.0)
-    look_unknown_m: float = param(0.15, 'length of unknown ground on it that makes the rover '
-                                  'look', unit='m', low=0.0, high=5.0)
     look_s: float = param(1.5, 'time that it looks', unit='s', low=0.1, high=60.0)
     stop_every_m: float = param(0.0, 'stop and look: way between stops at which it waits until '
                                 'the map has a frame that was taken at rest; 0: it looks as it '
@@ -188,14 +163,9 @@ class NavigatorConfig(Parameters):
     creep_mps: float = param(0.05, 'forward speed there', unit='m/s', low=0.0, open_low=True,
                              high=2.0)
     tilt_limit_deg: float = param(28.0, 'tilt at which it backs off', unit='deg', low=5.0,
-                                  high=89.0)
-    tilt_time_s: float = param(0.6, 'time for which that tilt must last: a step rocks the body',
-                               unit='s', low=0.0, high=10.0)
-    tipped_deg: float = param(65.0, 'tilt at which it gives up', unit='deg', low=10.0, high=180.0)
+                                  high=60.0)
     stuck_time_s: float = param(8.0, 'time without motion after which it backs off', unit='s',
                                 low=0.5, high=600.0)
-    stuck_distance_m: float = param(0.12, 'least motion in that time', unit='m', low=0.0,
-                                    open_low=True, high=5.0)
     back_off_m: float = param(0.3, 'way back', unit='m', low=0.05, high=5.0)
     recoveries: int = param(6, 'times that it backs off without getting a metre nearer before it '
                             'gives up', low=0, high=100)
@@ -214,13 +184,10 @@ class NavigatorConfig(Parameters):
     far: GlobalPlanConfig = group(GlobalPlanConfig)
 
     def validate(self) -> None:
-        """Raise ConfigError if lists differ in length or the limits of tilt are in disorder."""
+        """Raise ConfigError if lists differ in length."""
         if len(self.waypoints_x_m) != len(self.waypoints_y_m):
             raise ConfigError(f'waypoints_y_m: {len(self.waypoints_y_m)} elements given; valid is '
                               f'{len(self.waypoints_x_m)}, as many as waypoints_x_m')
-        if self.tipped_deg <= self.tilt_limit_deg:
-            raise ConfigError(f'tipped_deg: {self.tipped_deg:g} is not valid; valid is > '
-                              f'tilt_limit_deg = {self.tilt_limit_deg:g} [deg]')
 
     @property
     def goals(self) -> tuple[tuple[float, float], ...]:

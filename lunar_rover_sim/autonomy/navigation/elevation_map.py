@@ -24,7 +24,11 @@ F32 = NDArray[np.float32]
 Index = NDArray[np.int64]
 
 _STEP_CELLS = 8             # by which the map rolls
-_MOST_MPS = 1.0             # a rover that seems faster has jumped
+_JUMP_M, _MOST_MPS = 0.5, 1.0   # a pose that jumps by more, beyond this speed, begins the map anew
+_LEAST_HITS = 2             # frames that must have seen a cell before it is known
+_CONTRADICTIONS = 4         # frames in a row that contradict a cell before it takes their height
+_LEAST_SHARE = 0.005        # of the pixels, or points, that renew the map: a covered lens does not
+_RANGE_STDDEV_M = 0.01      # error of a range that does not grow with it: LiDAR, or calibration
 _LEAST_COMMON = 60          # cells that a frame must share with the map to be levelled
 _ROUNDS, _HUBER = 4, 2.0    # of levelling
 _RELIEF = 0.4               # of the range of heights around a cell: its standard deviation
@@ -124,7 +128,7 @@ class ElevationMap:
         self._sums[:] = 0.0
         _scatter_depth(_without_edges(depth_m, int(self.config.hole_px * w / 640)), u, v, T,
                        self._corner, self.config.cell_m, self.config.min_range_m,
-                       self.config.max_range_m, noise, self.config.range_stddev_m,
+                       self.config.max_range_m, noise, _RANGE_STDDEV_M,
                        self.config.height_stddev_m, self.config.grazing, self._sums)
         self._take_in(stamp_ns, depth_m.size, np.asarray(position_m, float))
         return anew
@@ -138,7 +142,7 @@ class ElevationMap:
         assert self._corner is not None
         self._sums[:] = 0.0
         _scatter_points(points, T, self._corner, self.config.cell_m, self.config.min_range_m,
-                        self.config.max_range_m, self.config.range_stddev_m,
+                        self.config.max_range_m, _RANGE_STDDEV_M,
                         self.config.height_stddev_m, self._sums)
         self._take_in(stamp_ns, len(points), np.asarray(position_m, float))
         return anew
@@ -147,7 +151,7 @@ class ElevationMap:
         """Return the map as it is now; raise NavigationError before the first depth."""
         if self._corner is None or self._seen_ns is None:
             raise NavigationError('the map has seen nothing yet')
-        known = self._hits >= self.config.least_hits
+        known = self._hits >= _LEAST_HITS
         nan = np.float32(np.nan)
         origin = np.asarray(self._corner * self.config.cell_m, float)
         return Elevation(self._seen_ns, origin, self.config.cell_m,
@@ -163,7 +167,7 @@ class ElevationMap:
         if self._last is not None:
             moved = float(np.linalg.norm(position - self._last[1]))
             seconds = (stamp_ns - self._last[0]) * 1e-9
-            if seconds < 0.0 or moved > config.jump_m + _MOST_MPS * seconds:
+            if seconds < 0.0 or moved > _JUMP_M + _MOST_MPS * seconds:
                 self.clear()
                 self.begun_anew += 1
                 jumped = True
@@ -183,7 +187,7 @@ class ElevationMap:
 
     def _take_in(self, stamp_ns: int, samples: int, position: Array) -> None:
         config = self.config
-        if self._sums[3].sum() > config.least_share * samples:
+        if self._sums[3].sum() > _LEAST_SHARE * samples:
             self._seen_ns = stamp_ns
         floor = config.height_stddev_m ** 2
         _average(self._sums, floor)
@@ -191,7 +195,7 @@ class ElevationMap:
         if config.level_stddev_m > 0.0 or config.level_stddev_deg > 0.0:
             self._level(mean, variance, np.nonzero(count), position)
         _fuse(mean, variance, spread, count, self._height, self._variance, self._hits,
-              self._misses, config.gate, config.contradictions, floor / 4.0)
+              self._misses, config.gate, _CONTRADICTIONS, floor / 4.0)
 
     def _level(self, mean: Array, variance: Array, seen: tuple[Index, ...],
                position: Array) -> None:
@@ -199,7 +203,7 @@ class ElevationMap:
         config = self.config
         assert self._corner is not None
         rows, columns = seen
-        shared = self._hits[seen] >= config.least_hits
+        shared = self._hits[seen] >= _LEAST_HITS
         if np.count_nonzero(shared) < _LEAST_COMMON:
             return
         offset = (np.stack([columns, rows]) + 0.5 + self._corner[:, None]) * config.cell_m \

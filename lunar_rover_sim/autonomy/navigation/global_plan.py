@@ -20,6 +20,11 @@ from lunar_rover_sim.ground.world.shade import shadow
 
 F32 = NDArray[np.float32]
 
+# What a metre costs more: at a slope just below the limit; where the RMS of heights about the
+# plane of a cell and its neighbours is _ROUGH_M; inside a mapped crater, whose walls may be steeper
+# than the pixels show; on ground known to lie in shadow; in a cell where the rover found no way.
+_SLOPE_COST, _ROUGH_M, _ROUGH_COST = 6.0, 0.5, 2.0
+_CRATER_COST, _DARK_COST, _BLOCKED_COST = 3.0, 10.0, 20.0
 _RIM = 1.2              # radii of a mapped crater that cost more
 _SHOWN_CELLS = 8.0      # a crater of so many cells shows its walls in the heights
 _ESCAPE = 50.0          # of a cell where the rover stands although it may not cross it
@@ -74,15 +79,15 @@ class GroundCosts:
         noise = 4.0 * errors.height_stddev_m ** 2 * -math.expm1(-(apart / length) ** 2) / apart**2
         slope = np.sqrt(np.maximum(dx * dx + dy * dy - noise, 0.0))
         share = slope / math.tan(math.radians(config.max_slope_deg))
-        cost = 1.0 + config.slope_cost * np.minimum(share, 1.0) ** 2
+        cost = 1.0 + _SLOPE_COST * np.minimum(share, 1.0) ** 2
         rough = np.maximum(_roughness(filled) - _unresolved(errors.height_stddev_m, cell, length),
                            0.0)
-        cost += config.rough_cost * np.minimum(rough / config.rough_m, 2.0) ** 2
+        cost += _ROUGH_COST * np.minimum(rough / _ROUGH_M, 2.0) ** 2
         west, south = orbital.bounds_m[:2]
         x, y = (low + (np.arange(n) + 0.5) * cell for low, n in ((west, columns), (south, rows)))
-        _add_craters(cost, x, y, cell, orbital, config.crater_cost)
+        _add_craters(cost, x, y, cell, orbital)
         if sun_deg is not None:
-            cost[shadow(filled.astype(np.float32), cell, *sun_deg)] += config.dark_cost
+            cost[shadow(filled.astype(np.float32), cell, *sun_deg)] += _DARK_COST
         cost[(share >= 1.0) | ~known] = np.inf
         return GroundCosts(cost.astype(np.float32), (west, south), cell, known)
 
@@ -138,12 +143,12 @@ def _unresolved(stddev_m: float, cell_m: float, length_m: float) -> float:
     return stddev_m * math.sqrt(-math.expm1(-(cell_m / length_m) ** 2))
 
 
-def _add_craters(cost: Array, x_m: Array, y_m: Array, cell_m: float, orbital: OrbitalMap,
-                 crater_cost: float) -> None:
+def _add_craters(cost: Array, x_m: Array, y_m: Array, cell_m: float,
+                 orbital: OrbitalMap) -> None:
     """Raise the costs within mapped craters, of small ones fully; in place."""
     margin = orbital.config.crater_place_m
     for (x, y), size in zip(orbital.craters.position_m, orbital.craters.diameter_m):
-        extra = crater_cost * max(1.0 - size / (_SHOWN_CELLS * cell_m), 0.0)
+        extra = _CRATER_COST * max(1.0 - size / (_SHOWN_CELLS * cell_m), 0.0)
         reach = 0.5 * _RIM * size + margin
         columns, rows = (slice(*np.searchsorted(axis, (v - reach, v + reach)))
                          for axis, v in ((x_m, x), (y_m, y)))
@@ -243,7 +248,7 @@ class GlobalPlan:
             cells.discard(own)      # type: ignore[arg-type]
         if cells:
             rows, columns = np.array(sorted(cells)).T
-            costs.cost[rows, columns] += np.float32(self.config.blocked_cost)
+            costs.cost[rows, columns] += np.float32(_BLOCKED_COST)
             self._searches[0].changed(rows, columns)
         return self.replan(position_m)
 

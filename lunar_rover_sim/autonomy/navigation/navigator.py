@@ -27,6 +27,13 @@ from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, path_length, ti
 from lunar_rover_sim.base.seconds import NS_PER_S
 
 _BACK_MPS = -0.08
+_TURN_IN_PLACE_DEG = 60.0   # error of heading above which the rover turns in place
+_WAYPOINT_M = 0.4           # a waypoint before the last is reached at this distance
+_PLAN_NS = NS_PER_S         # from plan to plan; at once where the way is blocked
+_LOOK_AHEAD_M, _LOOK_UNKNOWN_M = 1.1, 0.15  # so far a plan is known, but for this, or it looks
+_TILTED_NS = 600_000_000    # a step rocks the body: a tilt that counts lasts longer
+_TIPPED_DEG = 65.0          # tilt at which it gives up
+_STUCK_M = 0.12             # least motion within stuck_time_s
 _FACING_RAD = math.radians(12.0)
 _LOOK_FOR_S = 30.0          # of turning towards what is unknown, at most
 _REMEMBERED_NS = 180 * NS_PER_S
@@ -126,7 +133,7 @@ class Navigator:
         self._costs = costs
         self._pursuit_config = DriveConfig(
             speed_mps=config.speed_mps, max_yaw_rate_radps=config.max_yaw_rate_radps,
-            lookahead_m=config.lookahead_m, turn_in_place_deg=config.turn_in_place_deg,
+            lookahead_m=config.lookahead_m, turn_in_place_deg=_TURN_IN_PLACE_DEG,
             goal_tolerance_m=config.goal_tolerance_m)
         self.notes: list[str] = []
         self.reset()
@@ -281,15 +288,15 @@ class Navigator:
             refused = self._plan_far(position)
             if refused is not None:
                 return refused
-        if tilt > self._config.tipped_deg:
-            return self._fail(Failure.TILT, f'tilted by {tilt:.0f} deg, more than tipped_deg '
-                              f'{self._config.tipped_deg:g}', position)
+        if tilt > _TIPPED_DEG:
+            return self._fail(Failure.TILT, f'tilted by {tilt:.0f} deg, more than '
+                              f'{_TIPPED_DEG:g}', position)
         reached = self._reach(position, heading)
         if reached is not None:
             return reached
         if tilt <= self._config.tilt_limit_deg:
             self._level_ns = self._now_ns
-        elif self._now_ns - self._level_ns < self._config.tilt_time_s * 1e9:
+        elif self._now_ns - self._level_ns < _TILTED_NS:
             self._let_down_ns = self._now_ns + _LET_DOWN_NS
         elif self._back is None:
             return self._recover(Failure.TILT, f'tilted by {tilt:.0f} deg', position)
@@ -299,7 +306,7 @@ class Navigator:
             return self._go_back(position)
         if self._is_stuck():
             return self._recover(
-                Failure.STUCK, f'moved less than {self._config.stuck_distance_m:g} m in '
+                Failure.STUCK, f'moved less than {_STUCK_M:g} m in '
                 f'{self._config.stuck_time_s:g} s', position)
         late = self._patience(position)
         if late is not None:
@@ -469,7 +476,7 @@ class Navigator:
         moved = max(math.hypot(last[1] - x, last[2] - y)
                     + _METRES_PER_RADIAN * abs(last[3] - turned)
                     for _, x, y, turned in self._history)
-        return moved < self._config.stuck_distance_m
+        return moved < _STUCK_M
 
     def _patience(self, position: Array) -> NavigatorCommand | None:
         left, patience_s = (
@@ -487,7 +494,7 @@ class Navigator:
 
     def _reach(self, position: Array, heading: float) -> NavigatorCommand | None:
         last = len(self._goals) == 1
-        limit = self._config.goal_tolerance_m if last else self._config.waypoint_tolerance_m
+        limit = self._config.goal_tolerance_m if last else _WAYPOINT_M
         if self._turning_ns is not None:
             limit *= 2.0        # turning moves it a little
         if float(np.linalg.norm(self._goals[0] - position[:2])) > limit:
@@ -610,9 +617,9 @@ class Navigator:
         plan, planner = self.plan, self._planner
         assert plan is not None and planner is not None and self._pursuit is not None
         dark_m, first = planner.dark_along_m(self._rest_of(plan, position), 0.0,
-                                             self._config.look_ahead_m)
+                                             _LOOK_AHEAD_M)
         near_m = float(np.linalg.norm(first - position[:2])) if dark_m else math.inf
-        if (dark_m > self._config.look_unknown_m or near_m < _CLOSE_M) \
+        if (dark_m > _LOOK_UNKNOWN_M or near_m < _CLOSE_M) \
                 and not self._has_looked_at(first):
             towards = first - position[:2]
             return self._begin_to_look(math.atan2(towards[1], towards[0]), first,
@@ -670,7 +677,7 @@ class Navigator:
         """Make or keep a plan; return a command instead where there is none."""
         config, now = self._config, self._now_ns
         assert self._grid is not None
-        due = self._planned_ns is None or now - self._planned_ns >= config.plan_period_s * 1e9
+        due = self._planned_ns is None or now - self._planned_ns >= _PLAN_NS
         if not (due or new_map):
             return None
         if self._overview is None or self._overview.map_cell_m != self._grid.cell_m:

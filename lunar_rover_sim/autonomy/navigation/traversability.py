@@ -53,8 +53,7 @@ class Limits:
                                 abs(leg.position_m[1]) + legs.tip_radius_m)
                      for leg in legs.each.values())
         return cls(step, math.tan(math.radians(config.max_slope_deg)),
-                   config.max_roughness_m or _ROUGH_SHARE * step,
-                   config.window_m or _LENGTHS * chassis.length_m,
+                   _ROUGH_SHARE * step, _LENGTHS * chassis.length_m,
                    max(radius, 0.5 * math.hypot(chassis.length_m, chassis.width_m)))
 
 

@@ -15,6 +15,8 @@ SHAPES = ('none', 'circle', 'square', 'figure_eight', 'out_and_back', 'tour')
 class DriveConfig(Parameters):
     """What is driven: a timed list of velocities, a route, or nothing."""
 
+    gone = {'profile_ramp': False, 'stuck_distance_m': 0.1}
+
     mode: str = param('none', 'none, profile (timed velocities), waypoints (straight from one to'
                       ' the next) or spline (a smooth curve through them)', choices=MODES)
     start_delay_s: float = param(1.0, 'time at rest before the drive starts', unit='s', low=0.0)
@@ -25,7 +27,6 @@ class DriveConfig(Parameters):
                                                    unit='m/s', low=-2.0, high=2.0)
     profile_yaw_rate_radps: tuple[float, ...] = param(
         (0.0,), 'mode profile: yaw rates, left positive', unit='rad/s', low=-3.0, high=3.0)
-    profile_ramp: bool = param(False, 'mode profile: ramp linearly from each velocity to the next')
     shape: str = param('none', 'ready-made route in place of the waypoints; it starts at the'
                        ' first pose along its heading', choices=SHAPES)
     shape_size_m: float = param(4.0, 'diameter of the circle or of a loop, side of the square, or'
@@ -49,8 +50,6 @@ class DriveConfig(Parameters):
                                   low=0.0, high=180.0, open_low=True)
     stuck_time_s: float = param(10.0, 'stop after this time without progress; 0 never stops',
                                 unit='s', low=0.0)
-    stuck_distance_m: float = param(0.1, 'least progress within stuck_time_s', unit='m', low=0.0,
-                                    open_low=True)
     border_m: float = param(1.0, 'stop when closer than this to the edge of the world', unit='m',
                             low=0.0)
 

@@ -90,7 +90,7 @@ class PurePursuit:
 
 
 class VelocityProfile:
-    """Velocities that begin at their times and hold, or ramp, until the next; the last holds.
+    """Velocities that begin at their times and hold until the next; the last holds.
 
     The profile is done at the time of its last velocity, if that is zero.
     """
@@ -98,19 +98,13 @@ class VelocityProfile:
     def __init__(self, config: DriveConfig) -> None:
         self._times_s = config.profile_times_s
         self._velocities = tuple(zip(config.profile_forward_mps, config.profile_yaw_rate_radps))
-        self._ramp = config.profile_ramp
 
     def at(self, time_s: float) -> tuple[float, float]:
         """Return forward velocity [m/s] and yaw rate [rad/s] at a time [s] of the drive."""
         k = bisect.bisect_right(self._times_s, time_s) - 1
         if k < 0:
             return 0.0, 0.0
-        forward, yaw = self._velocities[k]
-        if self._ramp and k + 1 < len(self._times_s):
-            x = (time_s - self._times_s[k]) / (self._times_s[k + 1] - self._times_s[k])
-            next_forward, next_yaw = self._velocities[k + 1]
-            return forward + x * (next_forward - forward), yaw + x * (next_yaw - yaw)
-        return forward, yaw
+        return self._velocities[k]
 
     def done(self, time_s: float) -> bool:
         """Return whether the rover only stands from this time on."""
@@ -120,6 +114,7 @@ class VelocityProfile:
 WAITING, DRIVING, DONE, STOPPED = 'waiting', 'driving', 'done', 'stopped'
 
 _HISTORY_NS = 100_000_000   # progress is checked ten times per second
+_STUCK_M = 0.1              # least progress within stuck_time_s
 _METRES_PER_RADIAN = 0.3    # weight of progress in heading, for turns in place
 
 
@@ -241,7 +236,7 @@ class Driver:
                     - _METRES_PER_RADIAN * abs(steering.heading_error_rad))
         if self._check_is_due(stamp_ns) and self._record(stamp_ns, progress):
             gain = self._history[-1][1] - min(p for _, p in self._history)
-            if gain < config.stuck_distance_m:
+            if gain < _STUCK_M:
                 return _stopped(Stop.STUCK, f'stuck at {_at(position)}: {gain:.3f} m of progress '
                                 f'in {config.stuck_time_s:g} s')
         return DriveCommand(steering.forward_mps, steering.yaw_rate_radps, DRIVING)
@@ -263,7 +258,7 @@ class Driver:
             x, y, angle = self._history[-1][1]
             moved = max(math.hypot(x - px, y - py) + _METRES_PER_RADIAN * abs(angle - a)
                         for _, (px, py, a) in self._history)
-            if moved < min(config.stuck_distance_m, 0.3 * commanded):
+            if moved < min(_STUCK_M, 0.3 * commanded):
                 return _stopped(Stop.STUCK, f'stuck at {_at(position)}: moved {moved:.3f} m in'
                                 f' {config.stuck_time_s:g} s')
         return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -35,21 +36,17 @@ class ChaseCameraConfig(CameraConfig):
     height: int = param(540, 'image height', unit='px', low=16, high=8192)
     horizontal_fov_deg: float = param(42.0, 'horizontal field of view', unit='deg', low=1.0,
                                       high=150.0)
-    near_m: float = param(0.05, 'nearest drawn depth', unit='m', low=1e-3, high=10.0)
 
-
-@dataclasses.dataclass(frozen=True)
-class ChaseLensConfig(LensConfig):
-    """The same lens behind a deep hood: the camera shows the rover, not its own stray light."""
-
-    hood_deg: float = param(
-        0.0, 'so far beyond the edge of the image the hood hides the sun from the lens',
-        unit='deg', low=0.0, high=90.0)
+    gone = {'near_m': 0.05, 'far_m': 20e3}
+    near_m: ClassVar[float] = 0.05
 
 
 @dataclasses.dataclass(frozen=True)
 class ChaseSensorConfig(SensorConfig):
     """The same sensor, exposed between dark ground and bright rover."""
+
+    fixed = {field.name for field in dataclasses.fields(SensorConfig)} - {
+        'encoding', 'exposure_mode', 'exposure_s', 'target_level'}
 
     encoding: str = param('rgb8', 'pixel format of the images, as of the pair', choices=ENCODINGS)
     exposure_mode: str = param(
@@ -61,7 +58,12 @@ class ChaseSensorConfig(SensorConfig):
 
 @dataclasses.dataclass(frozen=True)
 class ChaseConfig(FurtherCameraConfig):
-    """The chase camera: where it is, and what it is made of."""
+    """The chase camera: where it is, and what it is made of.
+
+    A deep hood keeps stray light out: the camera shows the rover, not its own lens.
+    """
+
+    fixed = {'lens'}
 
     enabled: bool = param(False, 'offer chase/image_raw and chase/camera_info')
     rate_hz: int = param(10, 'images per second; a divisor of frame_rate_hz', unit='Hz', low=1,
@@ -85,7 +87,7 @@ class ChaseConfig(FurtherCameraConfig):
     smoothing_s: float = param(0.8, 'time constant with which the camera follows position and '
                                'heading; 0: at once', unit='s', low=0.0, high=60.0)
     camera: ChaseCameraConfig = group(ChaseCameraConfig)
-    lens: ChaseLensConfig = group(ChaseLensConfig)
+    lens: LensConfig = LensConfig(hood_deg=0.0)
     sensor: ChaseSensorConfig = group(ChaseSensorConfig)
 
 

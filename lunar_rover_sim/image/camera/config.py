@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import ClassVar
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.parameters import group, param, Parameters
@@ -23,8 +24,10 @@ class CameraConfig(Parameters):
     distortion: tuple[float, ...] = param(
         (0.0, 0.0, 0.0, 0.0, 0.0), 'Brown-Conrady k1, k2, p1, p2, k3; all zero: rectified images',
         low=-2.0, high=2.0, length=5)
-    near_m: float = param(0.02, 'nearest drawn depth', unit='m', low=1e-3, high=10.0)
-    far_m: float = param(20e3, 'farthest drawn depth', unit='m', low=10.0, high=1e6)
+
+    gone = {'near_m': 0.02, 'far_m': 20e3}
+    near_m: ClassVar[float] = 0.02      # nearest drawn depth
+    far_m: ClassVar[float] = 20e3       # farthest drawn depth
 
     @property
     def focal_px(self) -> float:
@@ -107,6 +110,8 @@ class SensorConfig(Parameters):
     of filters in front, red and green in even rows, green and blue in odd ones.
     """
 
+    gone = {'transmission': 0.9}
+
     encoding: str = param('mono8', 'pixel format of the images; mono: no colour filters; bayer: '
                           'one colour a pixel, as read; rgb8: bayer_rggb8, interpolated (Malvar, '
                           'He and Cutler)', choices=ENCODINGS)
@@ -132,7 +137,6 @@ class SensorConfig(Parameters):
         0.0, 'from the exposure of one row to that of the next: rolling shutter; 0: global, all '
         'rows at once', unit='s', low=0.0, high=1e-3)
     f_number: float = param(4.0, 'aperture', low=0.5, high=64.0)
-    transmission: float = param(0.9, 'of the lens', low=0.01, high=1.0)
     pixel_pitch_m: float = param(6.9e-6, 'side of a pixel', unit='m', low=0.5e-6, high=1e-4)
     electrons_per_joule: float = param(
         6.5e17, 'without colour filters: photo-electrons per joule of whole sunlight on the pixel '

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,7 +13,8 @@ from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, R_BODY_OPTICAL, se3, wxyz_from_rpy
 from lunar_rover_sim.base.parameters import group, param
 from lunar_rover_sim.image.camera import equidistant
-from lunar_rover_sim.image.camera.config import CameraConfig, FurtherCameraConfig
+from lunar_rover_sim.image.camera.config import (CameraConfig, FurtherCameraConfig, LensConfig,
+                                                 SensorConfig)
 from lunar_rover_sim.image.camera.mount import BodyMount
 
 PINHOLE, EQUIDISTANT = 'pinhole', 'equidistant'
@@ -38,7 +40,9 @@ class HazardCameraConfig(CameraConfig):
     image_circle_deg: float = param(
         185.0, 'with model equidistant: no light arrives from outside this cone about the axis',
         unit='deg', low=1.0, high=185.0)
-    near_m: float = param(0.01, 'nearest drawn depth', unit='m', low=1e-3, high=10.0)
+
+    gone = {'near_m': 0.01, 'far_m': 20e3}
+    near_m: ClassVar[float] = 0.01
 
     @property
     def is_fisheye(self) -> bool:
@@ -55,9 +59,6 @@ class HazardCameraConfig(CameraConfig):
 
     def validate(self) -> None:
         """Check that model, field of view and distortion go together."""
-        if self.near_m >= self.far_m:
-            raise ConfigError(f'near_m: {self.near_m:g} is not valid; valid is < far_m '
-                              f'({self.far_m:g})')
         other = self.distortion if self.is_fisheye else self.fisheye_distortion
         if any(other):
             name = 'distortion' if self.is_fisheye else 'fisheye_distortion'
@@ -78,6 +79,21 @@ class HazardCameraConfig(CameraConfig):
 
 
 @dataclasses.dataclass(frozen=True)
+class HazardLensConfig(LensConfig):
+    """A lens whose stray light has the shape of that of the pair."""
+
+    fixed = {'scatter_exponent', 'scatter_core_deg', 'ghost_share', 'lateral_colour'}
+
+
+@dataclasses.dataclass(frozen=True)
+class HazardSensorConfig(SensorConfig):
+    """A sensor with the filters and the control of exposure of the default one."""
+
+    fixed = {'red_response', 'green_response', 'blue_response', 'low_pass_filter',
+             'auto_lag', 'pixel_well', 'blooming'}
+
+
+@dataclasses.dataclass(frozen=True)
 class HazardConfig(FurtherCameraConfig):
     """A hazard camera: where it is on the rover, and what it is made of."""
 
@@ -94,6 +110,8 @@ class HazardConfig(FurtherCameraConfig):
         0.0, 'distance between two such cameras, left and right; 0: one camera', unit='m', low=0.0,
         high=5.0)
     camera: HazardCameraConfig = group(HazardCameraConfig)
+    lens: HazardLensConfig = group(HazardLensConfig)
+    sensor: HazardSensorConfig = group(HazardSensorConfig)
 
     @property
     def stereo(self) -> bool:

@@ -30,6 +30,7 @@ from lunar_rover_sim.image.illumination.colours import Bands
 F32 = NDArray[np.float32]
 
 _NORMAL_BITS = 14       # of the number that picks a sample of the normal distribution
+_TRANSMISSION = 0.9     # of the lens
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,7 +45,7 @@ class SensorModel:
     def electrons_per_radiance_second(self) -> float:
         """Photo-electrons per pixel, per W m-2 sr-1 and second, on the axis."""
         c = self.config
-        optics = 0.25 * math.pi * c.transmission / c.f_number**2
+        optics = 0.25 * math.pi * _TRANSMISSION / c.f_number**2
         per_joule = self.bands[1] if self.colour else c.electrons_per_joule
         return float(optics * c.pixel_pitch_m**2 * per_joule)
 

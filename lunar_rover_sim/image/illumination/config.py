@@ -75,12 +75,11 @@ class SunConfig(Parameters):
 class EarthConfig(Parameters):
     """The Earth, where the sun has a date."""
 
+    gone = {'geometric_albedo': 0.434}
+
     drawn: bool = param(True, 'draw its disc where the date puts it; without a date there is none')
     lights_ground: bool = param(False, 'draw its light on ground, rocks and rover (earthshine), '
                                 'at most 1.3e-4 of that of the sun; needs sun.date')
-    geometric_albedo: float = param(0.434, 'brightness of the full disc over that of a white, '
-                                    'flat one; 0.434 is that in V (Mallama et al., 2017)',
-                                    low=0.0, high=2.0)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,9 +1,8 @@
 """The Earth as it is seen from the Moon: a sphere that the sun lights from one side.
 
-Its geometric albedo is 0.434 in V (Mallama et al., 2017, Icarus 282). Its phase function is after
-Mallama & Hilton (2018, Astronomy and Computing 25, equation 5), in magnitudes
--1.060e-3 a + 2.054e-4 a^2 for a phase angle of a degrees; the coefficients were compared with
-programs that cite the paper.
+Its phase function is after Mallama & Hilton (2018, Astronomy and Computing 25, equation 5), in
+magnitudes -1.060e-3 a + 2.054e-4 a^2 for a phase angle of a degrees; the coefficients were
+compared with programs that cite the paper.
 Over the disc it is spread as on a Lambert sphere. Clouds, land and the glow of the air are left
 out. Over the whole solar spectrum the Earth reflects about half of what it does in V (Glenar et
 al., 2019, Icarus 321: 0.15 W/m2 at full phase, half of which is its own heat).
@@ -17,11 +16,12 @@ import math
 import numpy as np
 
 from lunar_rover_sim.base.frames import Array
-from lunar_rover_sim.image.illumination.config import EarthConfig, SunConfig
+from lunar_rover_sim.image.illumination.config import SunConfig
 from lunar_rover_sim.image.illumination.dates import parse_date
 from lunar_rover_sim.image.illumination.sky import sky
 from lunar_rover_sim.image.illumination.sun_of_date import given_site
 
+_GEOMETRIC_ALBEDO = 0.434   # in V: Mallama et al., 2017, Icarus 282
 _LEAST_LIT = 1e-4       # of a Lambert sphere: thinner crescents keep their radiance
 
 
@@ -61,7 +61,7 @@ class EarthDisc:
             whole * math.sin(self.radius_rad)**2)
 
 
-def earth_disc(sun: SunConfig, earth: EarthConfig) -> EarthDisc | None:
+def earth_disc(sun: SunConfig) -> EarthDisc | None:
     """Return the Earth at the date of a sun that `sun_of_date` or `SunPath` returned.
 
     None without a date, or if all of it is more than a degree below the
@@ -79,7 +79,7 @@ def earth_disc(sun: SunConfig, earth: EarthConfig) -> EarthDisc | None:
                   - towards * float(seen.earth.distance_km))
     from_earth /= np.linalg.norm(from_earth)
     disc = EarthDisc(towards, from_earth, radius, 0.0)
-    irradiance = (sun.irradiance * earth.geometric_albedo * math.sin(radius)**2
+    irradiance = (sun.irradiance * _GEOMETRIC_ALBEDO * math.sin(radius)**2
                   * phase_function(disc.phase_rad))
     return dataclasses.replace(disc, irradiance=irradiance)
 

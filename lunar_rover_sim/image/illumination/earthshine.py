@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import math
 
-from lunar_rover_sim.image.illumination.config import EarthConfig, LOWEST_DEG, SunConfig
+from lunar_rover_sim.image.illumination.config import LOWEST_DEG, SunConfig
 from lunar_rover_sim.image.illumination.earth_disc import earth_disc
 
 
-def earth_as_sun(sun: SunConfig, earth: EarthConfig) -> SunConfig:
+def earth_as_sun(sun: SunConfig) -> SunConfig:
     """Return the sun that would light the ground as the Earth does at the date of a sun.
 
     Args:
         sun: As for `earth_disc`. The irradiance is 0 while none of the disc is above the
             horizontal.
     """
-    disc = earth_disc(sun, earth)
+    disc = earth_disc(sun)
     if disc is None:
         return SunConfig(irradiance=0.0, elevation_deg=LOWEST_DEG)
     x, y, z = disc.direction

@@ -16,7 +16,8 @@ from lunar_rover_sim.image.illumination.config import (EarthConfig, LampConfig, 
 class DetailConfig(Parameters):
     """How much is drawn."""
 
-    gone = {'full_resolution_m': 2.5, 'exact_m': 14.0, 'cells_per_distance': 64.0}
+    gone = {'full_resolution_m': 2.5, 'exact_m': 14.0, 'cells_per_distance': 64.0,
+            'rock_min_px': 0.7}
 
     relief_rms_slope: float = param(
         0.11, 'RMS slope of each of the two tiles of relief below the grid; facets of rocks and '
@@ -32,8 +33,6 @@ class DetailConfig(Parameters):
     contrast_by_view: bool = param(
         False, 'contrast and shadows of relief below the grid, where it has no shape, follow rays '
         'for the direction of the view: few shadows away from the sun, more texture towards it')
-    rock_min_px: float = param(0.7, 'rocks that look smaller are not drawn, in samples with '
-                               'supersampling', unit='px', low=0.0, high=20.0)
     far_rocks_m: float = param(
         300.0, 'beyond the fine ground, rocks are drawn up to this distance from the origin in x '
         'or y, from 0.3 m; 0: none', unit='m', low=0.0, high=2000.0)
@@ -55,28 +54,11 @@ class DetailConfig(Parameters):
 
 
 @dataclasses.dataclass(frozen=True)
-class TracksConfig(Parameters):
-    """How soil looks that a rover has disturbed; `illumination/hapke.py` has the reflectance.
-
-    Tracks are seen by their relief first. Disturbed soil is darker on the Moon, by a tenth or so
-    in images from orbit, and scatters less back where it is smooth; how much differs from place to
-    place, so the defaults are choices.
-    """
-
-    compacted_darkening: float = param(0.06, 'part of the albedo that compacted soil loses',
-                                       low=0.0, high=0.9)
-    loose_darkening: float = param(0.08, 'part of the albedo that soil loses which was thrown up '
-                                   'or has slid', low=0.0, high=0.9)
-    compacted_theta_deg: float = param(12.0, 'mean slope of the relief too small to be drawn on '
-                                       'compacted soil', unit='deg', low=0.0, high=45.0)
-    compacted_c: float = param(-0.25, 'what compacted soil adds to the balance c of the lobes of '
-                               'the phase function: below 0 it scatters less back', low=-2.0,
-                               high=2.0)
-
-
-@dataclasses.dataclass(frozen=True)
 class RenderConfig(Parameters):
     """Everything about the image."""
+
+    gone = {'tracks': {'compacted_darkening': 0.06, 'loose_darkening': 0.08,
+                       'compacted_theta_deg': 12.0, 'compacted_c': -0.25}}
 
     camera: CameraConfig = group(CameraConfig)
     miscalibration: MiscalibrationConfig = group(MiscalibrationConfig)
@@ -87,14 +69,10 @@ class RenderConfig(Parameters):
     sensor: SensorConfig = group(SensorConfig)
     detail: DetailConfig = group(DetailConfig)
     lamp: LampConfig = group(LampConfig)
-    tracks: TracksConfig = group(TracksConfig)
 
     def validate(self) -> None:
         """Check parameters that depend on each other."""
         check_mosaic(self.camera, self.sensor)
-        if self.camera.near_m >= self.camera.far_m:
-            raise ConfigError(f'camera.near_m: {self.camera.near_m} is not valid; valid is '
-                              f'< camera.far_m ({self.camera.far_m:g})')
         if self.earth.lights_ground and not self.sun.date:
             raise ConfigError('earth.lights_ground: true is not valid without a date, which says '
                               'where the Earth is; set sun.date')

@@ -72,5 +72,5 @@ class DrawnWindow:
 
 def under_earth(config: RenderConfig) -> RenderConfig:
     """Return the parameters with the Earth in place of the sun, and without a lamp."""
-    return dataclasses.replace(config, sun=earth_as_sun(config.sun, config.earth),
-                               earth=EarthConfig(), lamp=LampConfig())
+    return dataclasses.replace(config, sun=earth_as_sun(config.sun), earth=EarthConfig(),
+                               lamp=LampConfig())

@@ -29,7 +29,7 @@ class EarthImage:
 
     def relight(self, config: RenderConfig) -> None:
         """Move the Earth to the date of the sun."""
-        self._earth = earth_disc(config.sun, config.earth) if config.earth.drawn else None
+        self._earth = earth_disc(config.sun) if config.earth.drawn else None
         if self._earth is None:
             return
         K = self._projection.K

@@ -15,6 +15,13 @@ from lunar_rover_sim.image.rendering.config import DetailConfig, RenderConfig
 
 F32 = NDArray[np.float32]
 
+# Of soil that a rover has disturbed, as for `shade_rows.shade`. Its tracks are seen by their
+# relief first. It is darker on the Moon, by a tenth or so in images from orbit, and scatters less
+# back where it is smooth; how much differs from place to place, so these are choices: part of the
+# albedo that compacted and that loose soil loses, tangent of the mean slope of the relief too
+# small to be drawn on compacted soil, and what that adds to the balance c of the lobes.
+_TRODDEN = 0.06, 0.08, math.tan(math.radians(12.0)), -0.25
+
 
 @dataclasses.dataclass(frozen=True)
 class LightConstants:
@@ -65,7 +72,7 @@ class LightConstants:
             world_seed: Places patches of colour.
             origin_m: Of the frame that is drawn in, in the site.
         """
-        matter, tracks, sun = config.reflectance, config.tracks, config.sun
+        matter, sun = config.reflectance, config.sun
         ground, rocks = (hapke.parameter_set(name) for name in (matter.ground, matter.rocks))
         direction = sun_direction(sun.azimuth_deg, sun.elevation_deg)
         horizontal = max(math.hypot(*direction[:2]), 0.02)  # stays finite for a sun overhead
@@ -85,8 +92,7 @@ class LightConstants:
             ground.law(matter.albedo_scale), rocks.law(),
             np.float32(math.tan(math.radians(rocks.theta_deg))),
             np.float32(config.detail.relief_rms_slope / DetailConfig().relief_rms_slope),
-            vector(tracks.compacted_darkening, tracks.loose_darkening,
-                   math.tan(math.radians(tracks.compacted_theta_deg)), tracks.compacted_c),
+            vector(*_TRODDEN),
             vector(*np.log(colours.ground_colour(matter.ground)), *colours.PHASE_SLOPE),
             vector(*np.log(colours.rock_colour(matter.rocks))),
             vector(*np.log(colours.Bands().colour_of_light(config.lamp.temperature_k))),

@@ -28,6 +28,7 @@ _COARSE_PX, _COARSE_VERTICES = 14.0, 10
 _SOLIDS, _SOLIDS_PX = (OCTAHEDRON, TETRAHEDRON), (5.0, 2.0)
 _KINDS = 2              # of a shape
 _RADIUS = 0.75          # of a ball around a rock of diameter 1
+ROCK_MIN_PX = 0.7       # rocks that look smaller are not drawn, in samples with supersampling
 _REACH = 1.1            # of what is drawn far away, over that of the shape, at most
 
 

@@ -29,7 +29,7 @@ from lunar_rover_sim.image.rendering.ground_picture import (cover, cover_depth, 
 from lunar_rover_sim.image.rendering.labels import link_label
 from lunar_rover_sim.image.rendering.object_light import ObjectSource, Surfaces, tell_objects
 from lunar_rover_sim.image.rendering.projection import Projection
-from lunar_rover_sim.image.rendering.rock_pass import GroundSeen
+from lunar_rover_sim.image.rendering.rock_pass import GroundSeen, ROCK_MIN_PX
 from lunar_rover_sim.image.rendering.scene import LEFT, LOWEST_M, Request, Scene, SceneLight
 from lunar_rover_sim.image.rendering.sun_pass import Occluders, SunPass
 from lunar_rover_sim.image.rendering.world_passes import WorldPasses
@@ -131,7 +131,7 @@ class ScenePasses(GlOwner):
              for number, drawing in enumerate(scene.drawings) for side in drawing.sides},
             scene.tracks, shared.workers)
         scene.shows_rover = self._sees_rover and shared.body.is_in_view(links, volume)
-        shared.rocks.choose(volume, projection.focal_px, self._config.detail.rock_min_px, [
+        shared.rocks.choose(volume, projection.focal_px, ROCK_MIN_PX, [
             GroundSeen(cameras[side], scene.drawings[number].projection, depth_m)
             for (number, side), depth_m in scene.depth_m.items()])
         scene.lights = [self._light_of(source, scene) for source in sources]

@@ -27,7 +27,7 @@ from lunar_rover_sim.image.rendering.config import RenderConfig
 from lunar_rover_sim.image.rendering.context import clear_window, release_all
 from lunar_rover_sim.image.rendering.ground import Ground
 from lunar_rover_sim.image.rendering.projection import Projection, ViewVolume
-from lunar_rover_sim.image.rendering.rock_pass import RockPass
+from lunar_rover_sim.image.rendering.rock_pass import ROCK_MIN_PX, RockPass
 from lunar_rover_sim.image.rendering.rover_pass import RoverPass
 from lunar_rover_sim.image.rendering.scene import Scene, SeenSun
 from lunar_rover_sim.image.rendering.view import View, view_numbers
@@ -73,7 +73,6 @@ class SunPass:
         corner = np.abs(projection.K[:2, 2]).max() * math.sqrt(2.0) / projection.focal_px
         self._side = 2 * math.ceil(0.55 * across * (1.0 + corner**2)) + 4
         self._finer = int(np.clip(math.ceil(_FINE / across), 2, 16))
-        self._rock_min_px = config.detail.rock_min_px
         self._views = [View(context) for _ in range(2)]
         self._depth = context.depth_renderbuffer((n, 2 * n))
         self._hidden = context.framebuffer(depth_attachment=self._depth)
@@ -110,7 +109,7 @@ class SunPass:
             scene.sun.over_ground = np.stack([occluders.ground.depth(
                 view_numbers(view, self._narrow, volume.centre_m), self._narrow,
                 occluders.ground.tracks_in(narrow), occluders.workers) == 0.0 for view in views])
-        occluders.rocks.choose(narrow, self._projection.focal_px, self._rock_min_px)
+        occluders.rocks.choose(narrow, self._projection.focal_px, ROCK_MIN_PX)
         n = self._n
         for side in scene.request.lit_sides:
             window = (0, side * n, n, n)

@@ -12,6 +12,8 @@ from lunar_rover_sim.base.parameters import param, Parameters
 class SgmConfig(Parameters):
     """Matching: search range, costs, and what is thrown away as doubtful."""
 
+    gone = {'speckle_range_px': 2}
+
     mode: str = param('3way', 'paths of the aggregation: 3way 3, sgbm 5 (twice the time), hh4 4 '
                       '(3.5 times), hh 8 (4.5 times). Median errors are within 0.03 px of 0 with '
                       '`refinement` (sgbm -0.06 px in permanent shadow); without it they are -0.1 '
@@ -40,7 +42,6 @@ class SgmConfig(Parameters):
                                    'the check off', unit='px', low=-1, high=64)
     speckle_window_px: int = param(60, 'smaller patches are thrown away; 0 keeps them',
                                    unit='px', low=0, high=10000)
-    speckle_range_px: int = param(2, 'disparity steps within a patch', unit='px', low=1, high=32)
     min_contrast: float = param(3.0, 'standard deviation within a block below which a match is '
                                 'not trusted; 0 trusts all', unit='of 255', low=0.0, high=64.0)
     dark_level: int = param(20, 'rows above the first with a brighter pixel are sky and not '

@@ -23,6 +23,7 @@ _MODES = {'sgbm': cv2.STEREO_SGBM_MODE_SGBM, 'hh': cv2.STEREO_SGBM_MODE_HH,
           'hh4': cv2.STEREO_SGBM_MODE_HH4, '3way': cv2.STEREO_SGBM_MODE_SGBM_3WAY}
 
 
+_SPECKLE_STEPS = 2          # of disparity, within a patch that is not a speckle
 _MARGIN_OVERLAP_PX = 32     # of the left margin with the rest; paths begin there
 _HALF_TURNS = 2             # of the refinement of what was matched at half the resolution
 
@@ -162,7 +163,7 @@ def _sgbm(config: SgmConfig, least: int, count: int, block: int) -> Any:
         P1=config.p1 or 8 * area, P2=config.p2 or 32 * area,
         disp12MaxDiff=config.left_right_max_px, preFilterCap=config.pre_filter_cap,
         uniquenessRatio=config.uniqueness_percent, speckleWindowSize=config.speckle_window_px,
-        speckleRange=config.speckle_range_px, mode=_MODES[config.mode])
+        speckleRange=_SPECKLE_STEPS, mode=_MODES[config.mode])
 
 
 def _variance(image: NDArray[np.uint8], block: int) -> NDArray[np.float32]:

@@ -22,15 +22,11 @@ class ContactConfig(Parameters):
     sources and the mapping to the parameters of the solver.
     """
 
+    gone = {'torsional_friction_m': 0.004, 'rolling_friction_m': 0.0005}
+
     sliding_friction: float = param(
         0.8, 'tangent of the friction angle, 0.6 (30 deg) to 1.2 (50 deg) for lunar soil; feet on'
         ' ground.model regolith have ground.friction instead', low=0.0, high=3.0, open_low=True)
-    torsional_friction_m: float = param(
-        0.004, 'torque about the normal per normal force: two thirds of the radius of the contact'
-        ' patch', unit='m', low=0.0, open_low=True, high=1.0)
-    rolling_friction_m: float = param(
-        0.0005, 'torque against rolling per normal force', unit='m', low=0.0, open_low=True,
-        high=1.0)
     stiffness_npm: float = param(2000.0, 'normal force per penetration of one contact point',
                                  unit='N/m', low=1e-3, high=1e9)
     damping_nspm: float = param(60.0, 'normal force per penetration rate of one contact point',

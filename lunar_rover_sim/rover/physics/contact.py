@@ -43,6 +43,9 @@ import numpy as np
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.rover.physics.config import ContactConfig
 
+# Torques per normal force: about the normal, two thirds of the radius of the contact patch, and
+# against rolling.
+TORSIONAL_FRICTION_M, ROLLING_FRICTION_M = 0.004, 0.0005
 IMPEDANCE = 0.5          # d0
 BURIED_IMPEDANCE = 0.99  # d1
 _MIDPOINT, _POWER = 0.95, 16.0   # growth between both: x^16 / 0.95^15 up to x = 0.95 radii
@@ -71,5 +74,5 @@ def set_contact(model: mujoco.MjModel, config: ContactConfig, geoms: np.ndarray,
     for geom, k_geom, b_geom in zip(geoms, k, b):
         model.geom_solref[geom] = -k_geom * d1 ** 2 / d0, -b_geom * d1
         model.geom_solimp[geom] = d0, d1, tip_radius_m, _MIDPOINT, _POWER
-        model.geom_friction[geom] = (config.sliding_friction, config.torsional_friction_m,
-                                     config.rolling_friction_m)
+        model.geom_friction[geom] = (config.sliding_friction, TORSIONAL_FRICTION_M,
+                                     ROLLING_FRICTION_M)

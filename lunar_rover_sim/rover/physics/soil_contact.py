@@ -26,6 +26,7 @@ from lunar_rover_sim.ground.regolith.soil import IMPEDANCE, PARKED_M, Soil
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mjcf import CHASSIS_GEOM, GROUND_BIT, ROCK_BIT, ROVER_PRIORITY, tip_geom
 from lunar_rover_sim.rover.physics.config import ContactConfig
+from lunar_rover_sim.rover.physics.contact import ROLLING_FRICTION_M, TORSIONAL_FRICTION_M
 
 # Of the chassis. A ball whose centre is in the ground is pushed sideways, as in `contact.py`. Its
 # contact becomes nearly rigid one tip radius deep, well before that.
@@ -113,8 +114,8 @@ def set_soil(model: mujoco.MjModel, rover: RoverDescription, soil: Soil,
         # Shear keeps its damping while the soil yields.
         model.pair_solreffriction[pair] = held[row]
         model.pair_solimp[pair] = IMPEDANCE, IMPEDANCE, rover.legs.tip_radius_m, 0.5, 2.0
-        model.pair_friction[pair] = (soil.friction, soil.friction, contact.torsional_friction_m,
-                                     contact.rolling_friction_m, contact.rolling_friction_m)
+        model.pair_friction[pair] = (soil.friction, soil.friction, TORSIONAL_FRICTION_M,
+                                     ROLLING_FRICTION_M, ROLLING_FRICTION_M)
     return SoilRows(tips[0], len(tips), tuple(int(model.body_mocapid[body]) for body in bodies),
                     tuple(pairs), held)
 

@@ -74,16 +74,6 @@ def test_profile_begins_each_velocity_at_its_time():
     assert rover.commands[0].reason.startswith('until start_delay_s ')
 
 
-def test_profile_ramps_where_asked():
-    config = DriveConfig(mode='profile', start_delay_s=0.0, profile_ramp=True,
-                         profile_times_s=(0.0, 2.0), profile_forward_mps=(0.0, 0.2),
-                         profile_yaw_rate_radps=(0.0, 0.1))
-    rover = Unicycle(Driver(config))
-    rover.run(4.0)
-    expected = np.minimum(0.1 * DT * np.arange(80), 0.2)
-    np.testing.assert_allclose([c.forward_mps for c in rover.commands], expected, atol=1e-12)
-
-
 @pytest.mark.parametrize('offset', [0.0, 0.6, -1.0])
 def test_pursuit_converges_on_a_line(offset):
     config = DriveConfig(mode='waypoints', waypoints_x_m=(0.0, 10.0), waypoints_y_m=(0.0, 0.0))

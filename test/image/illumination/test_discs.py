@@ -10,7 +10,7 @@ from textbook_hapke import phase_function as lobes
 
 from lunar_rover_sim.base.frames import sun_direction
 from lunar_rover_sim.ground.world.moon_place import MoonPlace
-from lunar_rover_sim.image.illumination.config import EarthConfig, GIVEN, SunConfig, SunSiteConfig
+from lunar_rover_sim.image.illumination.config import GIVEN, SunConfig, SunSiteConfig
 from lunar_rover_sim.image.illumination.earth_disc import (earth_disc, EarthDisc, lambert_phase,
                                                            phase_function)
 from lunar_rover_sim.image.illumination.earthshine import earth_as_sun
@@ -93,7 +93,7 @@ def test_phases_of_spheres():
 def test_the_earth_of_a_date(date):
     """Place, size, phase and light by the vectors of the ephemeris."""
     sun = SunConfig(date=date, site=NEAR_SIDE, irradiance=1400.0, allow_night=True)
-    disc = earth_disc(sun, EarthConfig(geometric_albedo=0.5))
+    disc = earth_disc(sun)
     when = np.asarray(np.datetime64(date[:-1], 'us'))
     earth = sky(MoonPlace(10.0, 40.0), when).earth
     assert disc.direction == pytest.approx(
@@ -104,7 +104,7 @@ def test_the_earth_of_a_date(date):
     phase = math.acos(-found.earth_km @ to_sun / np.linalg.norm(found.earth_km)
                       / np.linalg.norm(to_sun))
     assert disc.phase_rad == pytest.approx(phase, abs=0.006)    # the site is not the centre
-    expected = 1400.0 * 0.5 * math.sin(disc.radius_rad)**2 * phase_function(disc.phase_rad)
+    expected = 1400.0 * 0.434 * math.sin(disc.radius_rad)**2 * phase_function(disc.phase_rad)
     assert disc.irradiance == pytest.approx(expected)
     assert np.linalg.norm(disc.sun_direction) == pytest.approx(1.0)
 
@@ -112,12 +112,12 @@ def test_the_earth_of_a_date(date):
 def test_where_there_is_no_earth():
     """Without a date, without a place of its own, and on the far side."""
     sun = SunConfig(date=DATES[0], site=NEAR_SIDE)
-    assert earth_disc(sun, EarthConfig()) is not None
-    assert earth_disc(dataclasses.replace(sun, date=''), EarthConfig()) is None
-    assert earth_disc(dataclasses.replace(sun, site=SunSiteConfig()), EarthConfig()) is None
+    assert earth_disc(sun) is not None
+    assert earth_disc(dataclasses.replace(sun, date='')) is None
+    assert earth_disc(dataclasses.replace(sun, site=SunSiteConfig())) is None
     far = dataclasses.replace(sun, site=SunSiteConfig(GIVEN, 190.0, 0.0))
-    assert earth_disc(far, EarthConfig()) is None
-    nothing = earth_as_sun(far, EarthConfig())
+    assert earth_disc(far) is None
+    nothing = earth_as_sun(far)
     assert nothing.irradiance == 0.0 and nothing.elevation_deg == -1.0 and not nothing.shines
 
 
@@ -127,9 +127,9 @@ def test_the_earth_is_drawn_until_it_is_a_degree_below_the_horizontal(lon_deg):
     sun = SunConfig(date=DATES[0], site=SunSiteConfig(GIVEN, float(lon_deg), 0.0))
     earth = sky(MoonPlace(float(lon_deg), 0.0),
                 np.asarray(np.datetime64(DATES[0][:-1], 'us'))).earth
-    disc = earth_disc(sun, EarthConfig())
+    disc = earth_disc(sun)
     assert (disc is not None) == bool(earth.elevation_deg + earth.radius_deg >= -1.0)
-    light = earth_as_sun(sun, EarthConfig())
+    light = earth_as_sun(sun)
     if disc is not None:
         assert light.elevation_deg == pytest.approx(max(float(earth.elevation_deg), -1.0))
         assert light.azimuth_deg % 360.0 == pytest.approx(float(earth.azimuth_deg) % 360.0)

@@ -6,7 +6,6 @@ import camera_scene as scene
 import numpy as np
 import pytest
 
-from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.image.camera.config import CameraConfig, LensConfig
 from lunar_rover_sim.image.illumination.config import EarthConfig, GIVEN, SunConfig, SunSiteConfig
 from lunar_rover_sim.image.illumination.earth_disc import earth_disc, phase_function
@@ -57,7 +56,7 @@ def sky_of(drawn, pose):
 
 @pytest.mark.parametrize('camera', [NARROW, WIDE])
 def test_place_size_and_light_of_a_full_earth(camera):
-    disc = earth_disc(FULL, EarthConfig())
+    disc = earth_disc(FULL)
     assert np.degrees(disc.phase_rad) < 1.0
     with renderer(FULL, camera) as drawn:
         pose, place = towards(drawn, disc)
@@ -81,7 +80,7 @@ def test_place_size_and_light_of_a_full_earth(camera):
 
 def test_the_phase():
     """Its lit side is that of the sun, its lit share (1 + cos phase) / 2, its light published."""
-    disc = earth_disc(CRESCENT, EarthConfig())
+    disc = earth_disc(CRESCENT)
     with renderer(CRESCENT) as drawn:
         pose, place = towards(drawn, disc)
         sky, solid = sky_of(drawn, pose)
@@ -104,7 +103,7 @@ def test_the_phase():
 
 def test_a_ridge_hides_half_of_it():
     """The edge of a terrace stands as high as the middle of the disc, or beside it."""
-    disc = earth_disc(FULL, EarthConfig())
+    disc = earth_disc(FULL)
     heights = np.zeros((257, 257))
     azimuth, elevation = angles(disc)
     assert abs(azimuth - 180.0) < 8.0 or abs(azimuth + 180.0) < 8.0     # to the west
@@ -125,13 +124,11 @@ def test_a_ridge_hides_half_of_it():
 
 def test_without_a_date_or_not_wanted():
     plain = dataclasses.replace(CRESCENT, date='')
-    assert earth_disc(plain, EarthConfig()) is None
+    assert earth_disc(plain) is None
     shown = []
     for drawn_too in (True, False):
         with renderer(CRESCENT, earth=EarthConfig(drawn=drawn_too)) as drawn:
-            pose, _ = towards(drawn, earth_disc(CRESCENT, EarthConfig()))
+            pose, _ = towards(drawn, earth_disc(CRESCENT))
             sky, _ = sky_of(drawn, pose)
             shown.append(sky.any())
     assert shown == [True, False]
-    with pytest.raises(ConfigError, match='geometric_albedo: -1.0 is not valid; valid is >= 0'):
-        EarthConfig(geometric_albedo=-1.0)

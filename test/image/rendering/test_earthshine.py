@@ -57,7 +57,7 @@ def radiance(world, sun, *, dates=(), **groups):
 
 def test_at_night_the_earth_lights_the_ground_as_a_sun_in_its_place(world):
     """Ground, prints, rocks, rover and their shadows; without it the night is black."""
-    earth = earth_as_sun(NIGHT, SHINES)
+    earth = earth_as_sun(NIGHT)
     assert 5.0 < earth.elevation_deg < 15.0 and 0.1 < earth.irradiance < 0.2
     lit = radiance(world, NIGHT, earth=SHINES, detail=DetailConfig())
     expected = radiance(world, earth, detail=DetailConfig())
@@ -69,7 +69,7 @@ def test_by_day_both_lights_add_up_and_the_lamp_counts_once(world):
     """Every pixel, in sun, shadow and penumbra; light is linear."""
     lamp = LampConfig(power_w=10.0)
     alone = radiance(world, DAY, lamp=lamp)
-    earth = earth_as_sun(DAY, SHINES)
+    earth = earth_as_sun(DAY)
     assert DAY.elevation_deg > 1.0 and earth.elevation_deg > 5.0
     added = radiance(world, DAY, lamp=lamp, earth=SHINES) - alone
     expected = radiance(world, earth)
@@ -84,16 +84,16 @@ def test_it_follows_the_date(world):
     first = sun_at('2026-08-10T00:00:00Z')
     moved = radiance(world, NIGHT, earth=SHINES, dates=[first])
     np.testing.assert_array_equal(moved, radiance(world, NIGHT, earth=SHINES))
-    assert earth_disc(FAR_SIDE, SHINES) is None
-    assert earth_as_sun(FAR_SIDE, SHINES).irradiance == 0.0
+    assert earth_disc(FAR_SIDE) is None
+    assert earth_as_sun(FAR_SIDE).irradiance == 0.0
     moved = radiance(world, FAR_SIDE, earth=SHINES, dates=[NIGHT])
     np.testing.assert_array_equal(moved, radiance(world, FAR_SIDE))
 
 
 def test_a_crescent_gives_less():
     """Its light on the ground is that of its disc in the sky."""
-    full, half = (earth_as_sun(sun, SHINES).irradiance for sun in (NIGHT, DAY))
-    assert half == earth_disc(DAY, SHINES).irradiance and 0.2 < half / full < 0.45
+    full, half = (earth_as_sun(sun).irradiance for sun in (NIGHT, DAY))
+    assert half == earth_disc(DAY).irradiance and 0.2 < half / full < 0.45
 
 
 def test_a_sun_that_is_down_lights_no_peaks():

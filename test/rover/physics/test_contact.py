@@ -177,12 +177,10 @@ def test_penetration_is_that_of_the_tips_however_deep():
 
 
 def test_friction_parameters_reach_every_contact():
-    contact = ContactConfig(sliding_friction=0.6, torsional_friction_m=0.003,
-                            rolling_friction_m=0.0007)
-    with simulate(contact=contact) as simulation:
+    with simulate(contact=ContactConfig(sliding_friction=0.6)) as simulation:
         for touch in simulation.data.contact:
             assert touch.dim == 6
-            np.testing.assert_allclose(touch.friction, [0.6, 0.6, 0.003, 0.0007, 0.0007])
+            np.testing.assert_allclose(touch.friction, [0.6, 0.6, 0.004, 0.0005, 0.0005])
 
 
 def test_a_step_too_long_for_the_contact_is_refused():
