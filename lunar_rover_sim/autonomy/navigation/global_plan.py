@@ -21,8 +21,8 @@ from lunar_rover_sim.ground.world.shade import shadow
 F32 = NDArray[np.float32]
 
 # What a metre costs more: at a slope just below the limit; where the RMS of heights about the
-# plane of a cell and its neighbours is _ROUGH_M; inside a mapped crater, whose walls may be steeper
-# than the pixels show; on ground known to lie in shadow; in a cell where the rover found no way.
+# plane of a cell and its neighbours is _ROUGH_M; inside a mapped crater, whose walls may be
+# steeper than the pixels show; on ground in shadow; in a cell where the rover found no way.
 _SLOPE_COST, _ROUGH_M, _ROUGH_COST = 6.0, 0.5, 2.0
 _CRATER_COST, _DARK_COST, _BLOCKED_COST = 3.0, 10.0, 20.0
 _RIM = 1.2              # radii of a mapped crater that cost more
