@@ -8,15 +8,13 @@ import numpy as np
 from portability import outcome, PARTS, run, switches, TEST
 import pytest
 
-CHOSEN = ('regression', 'ground/world/test_same_everywhere.py', 'rover/gait/test_controller.py',
-          'rover/physics/test_walk.py', 'image/illumination/test_hapke.py',
-          'judge/evaluation/test_metrics.py', 'image/lidar/test_returns.py')
+CHOSEN = 'regression', 'ground/world/test_same_everywhere.py'
 
 
 def test_chosen_tests_pass_with_all_switches():
     """Code of NumPy, the C library, OpenCV, Numba and OpenBLAS for old processors, all at once."""
     found, said = run([str(TEST / name) for name in CHOSEN], switches()['all of these'], [], 500.0)
-    assert found.isdigit() and int(found) > 50, said
+    assert found.isdigit() and int(found) > 25, said
 
 
 def test_code_of_another_vector_width_is_not_drawn_with(tmp_path):
@@ -56,8 +54,7 @@ with Simulation(world, physics_scene.ROVER, config) as simulation:
 print(said.hexdigest())
 """
     known = switches()
-    ways = [{}, {'OPENBLAS_CORETYPE': 'Haswell'}, known['OpenBLAS of Nehalem'],
-            {**known['OpenBLAS of Nehalem'], **known['Numba generic'],
+    ways = [{}, {**known['OpenBLAS of Nehalem'], **known['Numba generic'],
              **known['NumPy without AVX2']}]
     found = [subprocess.run([sys.executable, '-c', program, str(TEST)], capture_output=True,
                             text=True, check=True, env={

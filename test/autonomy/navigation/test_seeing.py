@@ -16,7 +16,7 @@ W, H, F = 96, 72, 69.0
 K = np.array([[F, 0.0, 47.5], [0.0, F, 35.5], [0.0, 0.0, 1.0]])
 LIMITS = Limits.of(load_rover(None), TraversabilityConfig())
 EYE_M, AHEAD_M, PITCH_RAD = 0.28, 0.12, np.radians(10.0)
-TICK_S, LOOK_TICKS = 0.1, 3
+TICK_S, LOOK_TICKS = 0.1, 5
 
 
 class Plain:
@@ -113,10 +113,9 @@ def test_it_sets_out_from_ground_that_its_cameras_do_not_see_and_arrives_behind_
     assert rover.drive(120.0).status is Status.ARRIVED
 
 
-@pytest.mark.parametrize('goal_x', [4.0, 7.5])
-def test_a_goal_behind_a_wall_is_found_on_the_map_and_beyond_it(goal_x):
+def test_a_goal_behind_a_wall_is_found_beyond_the_map():
     """The wall leaves the map of 12.8 m on one side, and ends on the other."""
-    rover = Rover(Plain((2.0, 2.3, -1.2, 9.0, 0.4)), (goal_x, 1.0))
+    rover = Rover(Plain((2.0, 2.3, -1.2, 9.0, 0.4)), (7.5, 1.0))
     assert rover.drive(300.0).status is Status.ARRIVED
     path = np.array(rover.path)
     apart = np.hypot(np.maximum(np.maximum(2.0 - path[:, 0], path[:, 0] - 2.3), 0.0),

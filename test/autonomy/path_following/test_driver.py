@@ -85,7 +85,7 @@ def test_pursuit_converges_on_a_line(offset):
     assert math.hypot(rover.x - 10.0, rover.y) <= config.goal_tolerance_m
 
 
-@pytest.mark.parametrize('radius', [0.9, 2.0, 5.0])
+@pytest.mark.parametrize('radius', [0.9, 2.0])
 def test_pursuit_converges_on_a_circle(radius):
     config = DriveConfig(mode='waypoints', shape='circle', shape_size_m=2.0 * radius, laps=2)
     rover = Unicycle(Driver(config), 1.0, -2.0, 0.7)
@@ -98,8 +98,8 @@ def test_pursuit_converges_on_a_circle(radius):
     assert length == pytest.approx(2.0 * 2.0 * math.pi * radius, rel=0.05)
 
 
-@pytest.mark.parametrize('shape', ['square', 'figure_eight', 'out_and_back'])
-@pytest.mark.parametrize('mode', ['waypoints', 'spline'])
+@pytest.mark.parametrize('shape, mode', [('square', 'waypoints'), ('figure_eight', 'spline'),
+                                         ('out_and_back', 'waypoints')])
 def test_every_shape_is_driven_to_its_end(shape, mode):
     config = DriveConfig(mode=mode, shape=shape)
     rover = Unicycle(Driver(config, 100.0), heading=-2.0)

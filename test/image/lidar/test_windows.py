@@ -33,6 +33,12 @@ def state(windows):
     return RoverPose(standing(windows[0], *MIDDLE[:2], 30.0))
 
 
+@pytest.fixture(scope='module')
+def lidar(windows):
+    """Return the sensor in the first window, to which tests that leave it come back."""
+    return Lidar(windows[0], ROVER, QUIET)
+
+
 def trodden(x_m, y_m):
     """Return an overlay with pits around a place."""
     overlay = Overlay()
@@ -49,8 +55,7 @@ def ranges(lidar, state):
     return np.where(found < NEAR_M, found, np.nan)
 
 
-def test_two_windows_have_one_scan(windows, state):
-    lidar = Lidar(windows[0], ROVER, QUIET)
+def test_two_windows_have_one_scan(windows, lidar, state):
     first, whole = ranges(lidar, state), lidar.scan(state)
     lidar.ahead(windows[1])
     lidar.enter(windows[1])
@@ -65,8 +70,8 @@ def test_two_windows_have_one_scan(windows, state):
     np.testing.assert_array_equal(ranges(lidar, state), first)
 
 
-def test_a_window_in_its_own_frame_has_the_same_scan(windows, state):
-    there = Lidar(windows[0], ROVER, QUIET).scan(state)
+def test_a_window_in_its_own_frame_has_the_same_scan(windows, lidar, state):
+    there = lidar.scan(state)
     own = moved(state, -np.array([*windows[0].ground.middle_m, 0.0]))
     here = Lidar(windows[0].local(), ROVER, QUIET).scan(own)
     same = np.abs(there.returns.range_m - here.returns.range_m) < 1e-6
@@ -85,19 +90,18 @@ def test_tracks_stay(windows, state):
     assert (np.abs(first[both] - second[both]) < 1e-5).mean() > 0.9999
 
 
-def test_beside_the_window(windows, state):
-    lidar = Lidar(windows[0], ROVER, QUIET)
+def test_beside_the_window(lidar, state):
     with pytest.raises(ConfigError, match=r'valid is within 25.6 m of \(1280, -985.6\), in x'):
         lidar.scan(moved(state, np.array([30.0, 0.0, 0.0])))
 
 
-def test_the_window_follows_the_sensor(windows, state):
+def test_the_window_follows_the_sensor(windows, lidar, state):
     """Beyond three quarters of the way to the next middle it scans the next window."""
     site = Windows(windows)
-    lidar = Lidar(windows[0], ROVER, QUIET, follower=Follower(windows[0], site))
+    moving = Lidar(windows[0], ROVER, QUIET, follower=Follower(windows[0], site))
     for x, there in ((0.0, 0), (3.0, 0), (3.3, 1), (0.0, 1), (-3.3, 0)):
-        scan = lidar.scan(moved(state, np.array([x, 0.0, 0.0])))
-        assert lidar.world is windows[there] and np.isfinite(scan.returns.range_m).any()
+        scan = moving.scan(moved(state, np.array([x, 0.0, 0.0])))
+        assert moving.world is windows[there] and np.isfinite(scan.returns.range_m).any()
     assert site.asked.count(windows[1].ground.middle_m) == 1     # made ahead, not once more
-    np.testing.assert_array_equal(lidar.scan(state).returns.range_m,
-                                  Lidar(windows[0], ROVER, QUIET).scan(state).returns.range_m)
+    np.testing.assert_array_equal(moving.scan(state).returns.range_m,
+                                  lidar.scan(state).returns.range_m)

@@ -101,7 +101,7 @@ def test_ridges_before_other_ground_are_as_bright_as_their_share():
     assert smooth < 0.45 * stepped and two < 0.25 * stepped
 
 
-@pytest.mark.parametrize('elevation_deg', [2.0, 6.0, 15.0])
+@pytest.mark.parametrize('elevation_deg', [2.0, 6.0])
 def test_edges_of_shadows_are_as_bright_as_their_share(elevation_deg):
     """Shadows of a hill and of posts, across the view."""
     axis = (np.arange(513) - 256) * 0.025

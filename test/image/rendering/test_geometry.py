@@ -142,8 +142,8 @@ def test_depth_is_that_of_the_world_of_physics():
             rays = renderer.rig.rays()
             rock = frame.label - LABEL_FIRST_ROCK
             rows, columns = np.nonzero((rock >= 0) & (rock < len(built.rocks)))
-            pick = rng.integers(0, len(rows), 400)
-            pixels = {'anywhere': (rng.integers(0, 480, 800), rng.integers(0, 640, 800)),
+            pick = rng.integers(0, len(rows), 150)
+            pixels = {'anywhere': (rng.integers(0, 480, 300), rng.integers(0, 640, 300)),
                       'on rocks': (rows[pick], columns[pick])}
             for name, (vs, us) in pixels.items():
                 for v, u in zip(vs, us):
@@ -152,7 +152,7 @@ def test_depth_is_that_of_the_world_of_physics():
                                              np.zeros(1, np.int32), None)
                     if 0.0 < distance < 10.0:
                         errors[name].append(abs(frame.depth_m[v, u] - distance))
-    assert min(len(found) for found in errors.values()) > 500
+    assert min(len(found) for found in errors.values()) > 200
     assert np.median(errors['anywhere']) < 1e-3
     assert np.quantile(errors['anywhere'], 0.97) < 1e-2
     # Far ones of a few pixels are drawn simpler.
