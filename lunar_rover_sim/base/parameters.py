@@ -172,7 +172,7 @@ class Parameters:
         for key, value in nest(mapping, where).items():
             name = f'{where}.{key}' if where else key
             if key in cls.gone or key in cls.fixed:
-                if value != (cls.gone[key] if key in cls.gone else _plain(getattr(cls(), key))):
+                if not _is(value, cls.gone[key] if key in cls.gone else getattr(cls(), key)):
                     log.warning('%s: there is no such parameter any more; %s is ignored',
                                 _shown(name), brief(value))
                 continue
@@ -224,6 +224,13 @@ class Parameters:
                 yield from value.flatten(f'{prefix}{field.name}.', documented)
             else:
                 yield prefix + field.name, value, field.metadata['info'], hints[field.name]
+
+
+def _is(value: Any, kept: Any) -> bool:
+    """Return whether a value of a file says what is kept; a set may leave parameters out."""
+    if isinstance(kept, Parameters) and isinstance(value, Mapping):
+        return type(kept).from_mapping({**kept.to_mapping(), **value}) == kept
+    return bool(value == _plain(kept))
 
 
 def _plain(value: Any) -> Any:

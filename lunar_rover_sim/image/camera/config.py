@@ -79,6 +79,8 @@ class LensConfig(Parameters):
     default field of view here. Other lenses there scatter 0.007 to 0.7 %, and a dusty one more.
     """
 
+    gone = {'lateral_colour': 0.0}
+
     scatter_share: float = param(
         0.0015, 'share of the light that is scattered around its image; 0 switches it off',
         low=0.0, high=0.3)
@@ -96,9 +98,6 @@ class LensConfig(Parameters):
     ghost_share: float = param(
         0.07, 'share of the veiling sunlight that is gathered in ghosts: 3.2 of 45 '
         'reflections, as in a traced wide-angle lens (ghosts.py)', low=0.0, high=1.0)
-    lateral_colour: float = param(
-        0.0, 'magnification of the red image over the green one, less 1, and of the '
-        'green one over the blue one, of colour sensors', low=0.0, high=0.01)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,7 +109,7 @@ class SensorConfig(Parameters):
     of filters in front, red and green in even rows, green and blue in odd ones.
     """
 
-    gone = {'transmission': 0.9}
+    gone = {'transmission': 0.9, 'blooming': 0.0, 'low_pass_filter': True}
 
     encoding: str = param('mono8', 'pixel format of the images; mono: no colour filters; bayer: '
                           'one colour a pixel, as read; rgb8: bayer_rggb8, interpolated (Malvar, '
@@ -153,11 +152,8 @@ class SensorConfig(Parameters):
         'grey; none, all 1', choices=('sun', 'none'))
     full_well_e: float = param(42800.0, 'electrons at full scale', unit='e-', low=10.0, high=1e7)
     pixel_well: float = param(
-        1.05, 'electrons that a pixel holds, over full_well_e; more are lost, or bloom', low=0.1,
+        1.05, 'electrons that a pixel holds, over full_well_e; more are lost', low=0.1,
         high=10.0)
-    blooming: float = param(
-        0.0, 'share of the electrons beyond the pixel well that run along the column, as in a CCD '
-        'without drains; 0 switches it off', low=0.0, high=1.0)
     read_noise_e: float = param(4.6, 'standard deviation per read', unit='e-', low=0.0, high=1e4)
     dark_current_e_s: float = param(20.0, 'dark signal', unit='e-/s', low=0.0, high=1e7)
     prnu: float = param(0.006, 'fixed-pattern gain, standard deviation', low=0.0, high=0.5)
@@ -167,9 +163,6 @@ class SensorConfig(Parameters):
                               low=0.0, high=2.0)
     psf_sigma_px: float = param(0.45, 'point spread; 0 switches it off', unit='px', low=0.0,
                                 high=0.6)
-    low_pass_filter: bool = param(
-        False, 'plate in front of a mosaic that splits each ray into four spots one pixel apart, '
-        'so that edges have no false colours; mono sensors have none')
     black_level: float = param(0.004, 'offset of the converter, of full scale', low=0.0, high=0.5)
     shot_noise: bool = param(True, 'photon and dark shot noise')
     read_noise: bool = param(True, 'read noise')

@@ -82,15 +82,15 @@ class HazardCameraConfig(CameraConfig):
 class HazardLensConfig(LensConfig):
     """A lens whose stray light has the shape of that of the pair."""
 
-    fixed = {'scatter_exponent', 'scatter_core_deg', 'ghost_share', 'lateral_colour'}
+    fixed = {'scatter_exponent', 'scatter_core_deg', 'ghost_share'}
 
 
 @dataclasses.dataclass(frozen=True)
 class HazardSensorConfig(SensorConfig):
     """A sensor with the filters and the control of exposure of the default one."""
 
-    fixed = {'red_response', 'green_response', 'blue_response', 'low_pass_filter',
-             'auto_lag', 'pixel_well', 'blooming'}
+    fixed = {'red_response', 'green_response', 'blue_response', 'auto_lag',
+             'pixel_well'}
 
 
 @dataclasses.dataclass(frozen=True)

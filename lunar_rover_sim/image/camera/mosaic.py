@@ -57,16 +57,14 @@ def shown(pixels: NDArray[Any], encoding: str) -> NDArray[Any]:
 
 
 @compiled
-def filtered(first, last, red, green, blue, tint, own, whole,  # type: ignore[no-untyped-def]
+def filtered(first, last, image, tint, own, whole,  # type: ignore[no-untyped-def]
              source, sensitivity, power, dark, result):
     """Fill in rows of the (h, w) electrons behind the filters of a mosaic.
 
     What a lens veils over the image is light of the sun: only the share of `own` has the tint.
 
     Args:
-        red: (h, w) light of the red image, as electrons of a green pixel.
-        green: That of the green one.
-        blue: That of the blue one.
+        image: (h, w) light, as electrons of a green pixel.
         tint: (H, W) as `sensor.Tint`; 0 is the sky, whose lights are white.
         own, whole: (H, W) radiance that comes from what is drawn, and all of it.
         source: (h, w, 2) column and row in `tint` of each pixel; (0, 0, 2): they are the same.
@@ -74,7 +72,7 @@ def filtered(first, last, red, green, blue, tint, own, whole,  # type: ignore[no
         power: (2,) of the ratios in `tint`, for responses that are not the default ones.
         dark: Dark signal of each pixel [e-].
     """
-    w, moved = green.shape[1], len(source) > 0
+    w, moved = image.shape[1], len(source) > 0
     codes, rows = np.empty(w, np.uint32), np.empty((5, w + 1), np.float32)
     owns, wholes, ratio, share, odd = rows[0, :w], rows[1, :w], rows[2, :w], rows[3, :w], rows[4]
     for c in range(w + 1):
@@ -98,8 +96,8 @@ def filtered(first, last, red, green, blue, tint, own, whole,  # type: ignore[no
             share[c] = light[c] / max(total[c], _LEAST)
         for c in range(w):
             ratio[c] = _ONE + (ratio[c] - _ONE) * share[c] if ratio[c] > _ZERO else _ONE
-        mine, others, out, coloured = blue[r] if k else red[r], green[r], result[r], odd[1 - k:]
+        mine, out, coloured = image[r], result[r], odd[1 - k:]
         sensitive = sensitivity[k]
         for c in range(w):
             seen = mine[c] * ratio[c] * sensitive
-            out[c] = (seen if coloured[c] > _HALF else others[c]) + dark
+            out[c] = (seen if coloured[c] > _HALF else mine[c]) + dark

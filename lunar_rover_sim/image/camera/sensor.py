@@ -14,7 +14,6 @@ import math
 import statistics
 from typing import Any, NamedTuple, Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -130,10 +129,6 @@ class SensorModel:
                              1e-6, 10.0))
 
 
-# Spots half a pixel to either side of where a ray would meet the sensor, seen by square pixels.
-_FOUR_SPOTS = np.array([0.25, 0.5, 0.25], np.float32)
-
-
 class Tint(NamedTuple):
     """The colour of what a camera sees.
 
@@ -179,10 +174,6 @@ class ImageSensor:
         moved = model.camera.distorted or any(padding)
         self._source = [each.source(model.camera) + padding if moved else None
                         for each in (Miscalibration(), wrong)]
-        # Magnifications of the red and the blue image, about the middle of the sensor.
-        lateral = model.lens.lateral_colour if model.colour else 0.0
-        self._sources = [[_magnified(camera, source, 1.0 + sign * lateral) for sign in (1, -1)]
-                         for source in self._source] if lateral else []
 
     def pixels(self, radiance: F32, side: int, exposure_s: float, frame_index: int,
                tint: Tint | None = None) -> NDArray[Any]:
@@ -196,27 +187,18 @@ class ImageSensor:
             tint: Of what is seen, for colour sensors; None: all is grey.
         """
         model, c = self._model, self._model.config
-        dark, whole = np.float32(c.dark_current_e_s * exposure_s), radiance
-        if model.colour and c.low_pass_filter:
-            radiance = np.asarray(cv2.sepFilter2D(radiance, -1, _FOUR_SPOTS, _FOUR_SPOTS,
-                                                  borderType=cv2.BORDER_REPLICATE), np.float32)
-        collect = functools.partial(self._collected, radiance, side, exposure_s)
+        dark, source = np.float32(c.dark_current_e_s * exposure_s), self._source[side]
         if not model.colour:
-            electrons = collect(self._source[side], dark)
+            electrons = self._collected(radiance, side, exposure_s, source, dark)
         else:
-            source = self._source[side]
-            green = collect(source, np.float32(0.0))
-            red, blue = ((collect(shown, np.float32(0.0)) for shown in self._sources[side])
-                         if self._sources else (green, green))
-            tint = tint or Tint(np.zeros(whole.shape, np.uint32), whole)
-            electrons = np.empty(green.shape, np.float32)
+            light = self._collected(radiance, side, exposure_s, source, np.float32(0.0))
+            tint = tint or Tint(np.zeros(radiance.shape, np.uint32), radiance)
+            electrons = np.empty(light.shape, np.float32)
             self._workers.rows(
-                filtered, len(electrons), red, green, blue, *tint, whole,
+                filtered, len(electrons), light, *tint, radiance,
                 np.zeros((0, 0, 2), np.float32) if source is None else source,
                 (model.bands[[0, 2]] / model.bands[1]).astype(np.float32),
                 model.powers.astype(np.float32), dark, electrons)
-        if c.blooming > 0.0:    # charge runs along columns before it is read
-            electrons = bloom(electrons, model.well_e, c.blooming).astype(np.float32)
         # A different number for each seed, frame and side.
         key = np.random.SeedSequence([self._seed, frame_index % (1 << 63), side])
         result: NDArray[Any] = np.empty(electrons.shape, model.output_type)
@@ -246,24 +228,6 @@ class ImageSensor:
             np.float32(model.neighbour_weight if c.psf_sigma_px > 0.0 else 0.0),
             np.float32(model.electrons_per_radiance_second * exposure_s), dark, result)
         return result
-
-
-def _magnified(camera: DevelopedCamera, source: Array | None, scale: float) -> Array:
-    """Return where in the drawn image the pixels of one larger by `scale` show.
-
-    Args:
-        source: (h, w, 2) places of the pixels of the image itself; None: they are the same.
-    """
-    places = np.stack(np.meshgrid(np.arange(camera.width, dtype=float),
-                                  np.arange(camera.height, dtype=float)), axis=-1)
-    base = places if source is None else source
-    middle = 0.5 * np.array([camera.width - 1.0, camera.height - 1.0])
-    moved = base + (1.0 / scale - 1.0) * (places - middle)
-    # Within the drawn image, which has no more than the pixels themselves without distortion.
-    limit = (np.array([camera.width, camera.height]) - 1.001 if source is None
-             else base.max(axis=(0, 1)))
-    return np.asarray(np.clip(moved, 0.0 if source is None else base.min(axis=(0, 1)), limit),
-                      dtype=base.dtype)
 
 
 def _patterns(camera: DevelopedCamera, c: SensorConfig, seed: int) -> tuple[F32, F32]:
@@ -397,28 +361,3 @@ def _convert(first, last, electrons, offset, normal, key, shot,  # type: ignore[
                 numbers[c] = np.floor(numbers[c] * scale)
         for c in range(w):
             out[c] = numbers[c]
-
-
-def bloom(electrons: NDArray[np.floating], well_e: float, share: float) -> NDArray[np.float64]:
-    """Return the (h, w) electrons after charge has run up and down the columns.
-
-    Half of what a pixel cannot hold runs either way into the next pixels with room. Charge that
-    reaches the end of a column leaves it; all else is conserved.
-
-    Args:
-        electrons: (h, w) charge before.
-        well_e: What a pixel holds.
-        share: Of the charge beyond the well that runs, the rest is drained.
-    """
-    result = np.array(electrons, dtype=float)
-    columns = np.flatnonzero((result > well_e).any(axis=0))
-    held = np.minimum(result[:, columns], well_e)
-    excess = 0.5 * share * (result[:, columns] - held)
-    for rows in (range(len(held)), range(len(held) - 1, -1, -1)):
-        running = np.zeros(len(columns))
-        for row in rows:
-            taken = np.minimum(well_e - held[row], running)
-            held[row] += taken
-            running += excess[row] - taken
-    result[:, columns] = held
-    return result

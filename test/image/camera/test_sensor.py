@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from lunar_rover_sim.image.camera.config import CameraConfig, SensorConfig
 from lunar_rover_sim.image.camera.rig import StereoRig
-from lunar_rover_sim.image.camera.sensor import bloom, ImageSensor, SensorModel
+from lunar_rover_sim.image.camera.sensor import ImageSensor, SensorModel
 
 CAMERA = CameraConfig(width=320, height=240)
 RIG = StereoRig(scene.ROVER, CAMERA)
@@ -124,58 +124,11 @@ def test_point_spread_keeps_energy_and_width():
     assert (image.sum(axis=0) * offset**2).sum() / image.sum() == pytest.approx(0.36, rel=0.01)
 
 
-@pytest.mark.parametrize('psf_px', [0.0, 0.5])
-def test_blooming_conserves_charge(psf_px):
-    config = dataclasses.replace(scene.IDEAL, encoding='mono16', bits=16, full_well_e=20000.0,
-                                 pixel_well=1.0, psf_sigma_px=psf_px)
-    cut = spot(config, 5e5)
-    assert cut.max() == pytest.approx(20000.0, rel=1e-3)
-    bloomed = spot(dataclasses.replace(config, blooming=1.0), 5e5)
-    assert bloomed.sum() == pytest.approx(5e5, rel=2e-3)
-    assert cut.sum() < 0.5 * bloomed.sum()
-    assert set(np.flatnonzero(bloomed.max(axis=0) > 100.0)) <= {149, 150, 151}
-    assert np.all(bloomed[97:104, 150] > 19900.0)
-
-
 def test_a_pixel_holds_what_its_well_holds():
     """With less than the converter's full scale, saturated pixels are not white."""
     config = dataclasses.replace(RAW, pixel_well=0.8, fixed_pattern=False, black_level=0.0)
     image = flat(config, 3.0 * config.full_well_e)
     assert image.min() == image.max() == pytest.approx(0.8 * 65535, abs=2)
-
-
-def test_charge_is_conserved_and_fills_the_column_to_both_sides():
-    electrons = np.full((100, 5), 10.0)
-    electrons[50, 2] = 1900.0
-    result = bloom(electrons, 100.0, 1.0)
-    assert result.sum() == pytest.approx(electrons.sum())
-    np.testing.assert_array_equal(result[:, [0, 1, 3, 4]], electrons[:, [0, 1, 3, 4]])
-    # 1800 beyond the well fill 10 pixels by 90 each way.
-    assert np.all(result[40:61, 2] == 100.0)
-    assert np.all(result[:40, 2] == 10.0) and np.all(result[61:, 2] == 10.0)
-
-
-def test_neighbouring_sources_share_the_room_between_them():
-    electrons = np.zeros((60, 1))
-    electrons[20], electrons[30] = 1500.0, 1100.0
-    result = bloom(electrons, 100.0, 1.0)
-    assert result.sum() == pytest.approx(electrons.sum())
-    assert result.max() == 100.0 and np.all(result[20:31] == 100.0)
-
-
-def test_charge_leaves_at_the_ends_and_through_drains():
-    electrons = np.zeros((10, 2))
-    electrons[5, 0] = 1e9
-    assert np.all(bloom(electrons, 100.0, 1.0)[:, 0] == 100.0)
-    electrons[5, 0] = 500.0
-    assert bloom(electrons, 100.0, 0.5).sum() == pytest.approx(300.0)
-    assert bloom(electrons, 100.0, 0.0).sum() == pytest.approx(100.0)
-    assert electrons[5, 0] == 500.0     # the input is kept
-
-
-def test_nothing_moves_below_the_well():
-    electrons = np.random.default_rng(0).uniform(0.0, 99.0, (20, 30))
-    np.testing.assert_array_equal(bloom(electrons, 100.0, 1.0), electrons)
 
 
 def test_the_point_spread_is_that_of_five_taps_up_to_the_borders():

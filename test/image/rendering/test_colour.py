@@ -15,8 +15,7 @@ from lunar_rover_sim.image.illumination.config import LampConfig, ReflectanceCon
 from lunar_rover_sim.image.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 
-RAW = dataclasses.replace(scene.IDEAL, encoding='bayer_rggb16', bits=16, target_level=0.2,
-                          low_pass_filter=False)
+RAW = dataclasses.replace(scene.IDEAL, encoding='bayer_rggb16', bits=16, target_level=0.2)
 CAMERA = CameraConfig(width=320, height=240)
 EVEN = ReflectanceConfig(colour_spread=0.0, colour_of_fresh=0.0)
 PERFECT = LensConfig(scatter_share=0.0, veil_share=0.0)
