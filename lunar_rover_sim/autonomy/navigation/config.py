@@ -26,13 +26,11 @@ class MapConfig(Parameters):
         0.3, 'error of a disparity: that of a depth is depth^2 / (focal length baseline) times '
         'it; 0: depth without noise', unit='px', low=0.0, high=10.0)
     grazing: float = param(
-        0.6, 'depth of a surface that falls away from the camera by more than this share of the '
-        'line of sight is not used: what a matcher sees there is mostly the edge before it; 1: '
-        'all is used', low=0.05, high=1.0)
+        0.6, 'depth of a surface that falls away by more than this share of the line of sight '
+        'is not used; 1: all is used', low=0.05, high=1.0)
     hole_px: float = param(
-        2.0, 'depth this near to a pixel without any is not used: blocks of a matcher that lie '
-        'partly in a shadow, or behind an edge, carry the depth of one side to the other; of an '
-        'image of 640 px, in proportion of others', unit='px', low=0.0, high=20.0)
+        2.0, 'depth this near to a pixel without any is not used; of an image of 640 px, in '
+        'proportion of others', unit='px', low=0.0, high=20.0)
     height_stddev_m: float = param(0.005, 'error of a height in a frame, however near', unit='m',
                                    low=1e-4, high=0.5)
     gate: float = param(3.0, 'a height that differs by more standard deviations contradicts the '
@@ -40,8 +38,8 @@ class MapConfig(Parameters):
     drift: float = param(0.01, 'error of height that an estimated pose gains per metre', low=0.0,
                          high=1.0)
     level_stddev_m: float = param(
-        0.02, 'error of height of an estimated pose from frame to frame, which is corrected by '
-        'fitting the frame to the map; 0: the pose is trusted', unit='m', low=0.0, high=1.0)
+        0.02, 'error of height of an estimated pose, corrected by fitting the frame to the map; '
+        '0: the pose is trusted', unit='m', low=0.0, high=1.0)
     level_stddev_deg: float = param(
         1.0, 'error of pitch and roll of the pose, corrected likewise; 0: the pose is trusted',
         unit='deg', low=0.0, high=20.0)

@@ -77,6 +77,8 @@ class LensConfig(Parameters):
     of their published code) measured of a machine-vision camera (IDS): 0.11 % of the light within
     the image, falling as the power 1.4 to 1.7 of the distance. Their pixels were scaled to the
     default field of view here. Other lenses there scatter 0.007 to 0.7 %, and a dusty one more.
+    The veil is that of 45 double reflections between surfaces that reflect 0.5 %, as in a lens of
+    five parts; 3.2 of them make ghosts, as in a traced wide-angle lens (`ghosts.py`).
     """
 
     gone = {'lateral_colour': 0.0}
@@ -89,15 +91,13 @@ class LensConfig(Parameters):
     scatter_core_deg: float = param(
         0.1, 'within this distance scattered light is even', unit='deg', low=1e-3, high=20.0)
     veil_share: float = param(
-        0.0011, 'share of the light that veils the whole image: 45 double reflections between '
-        'surfaces that reflect 0.5 %, as in a lens of five parts; 0 switches it off', low=0.0,
+        0.0011, 'share of the light that veils the whole image; 0 switches it off', low=0.0,
         high=0.3)
     hood_deg: float = param(
         15.0, 'so far beyond the edge of the image the hood hides the sun from the lens',
         unit='deg', low=0.0, high=90.0)
     ghost_share: float = param(
-        0.07, 'share of the veiling sunlight that is gathered in ghosts: 3.2 of 45 '
-        'reflections, as in a traced wide-angle lens (ghosts.py)', low=0.0, high=1.0)
+        0.07, 'share of the veiling sunlight that is gathered in ghosts', low=0.0, high=1.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,13 +112,13 @@ class SensorConfig(Parameters):
     gone = {'transmission': 0.9, 'blooming': 0.0, 'low_pass_filter': True}
 
     encoding: str = param('mono8', 'pixel format of the images; mono: no colour filters; bayer: '
-                          'one colour a pixel, as read; rgb8: bayer_rggb8, interpolated (Malvar, '
-                          'He and Cutler)', choices=ENCODINGS)
+                          'one colour a pixel, as read; rgb8: bayer_rggb8, interpolated',
+                          choices=ENCODINGS)
     bits: int = param(12, 'resolution of the converter',
                       low=8, high=16)
     companding: str = param(
         'sqrt', 'how images of 8 bits follow from the converter: linear, its upper 8 bits; sqrt, '
-        'the root of the signal above black, so that shot noise is the same at all levels',
+        'the root of the signal above black',
         choices=('sqrt', 'linear'))
     exposure_mode: str = param(
         'sunlit', 'sunlit: once, from the sun and the ground; fixed: exposure_s; '

@@ -27,15 +27,14 @@ class DetailConfig(Parameters):
     pit_cover: float = param(0.16, 'share of the ground under craters below the grid', low=0.0,
                              high=1.0)
     relief_shape_m: float = param(
-        0.0, 'up to this distance relief below the grid has shape: depth, parallax and occlusion '
-        'follow from its heights, less and less in the last fifth; farther away it is light only; '
-        '0: nowhere', unit='m', low=0.0, high=2.5)
+        0.0, 'up to this distance relief below the grid has shape (depth, parallax, occlusion); '
+        'farther away it is light only', unit='m', low=0.0, high=2.5)
     contrast_by_view: bool = param(
-        False, 'contrast and shadows of relief below the grid, where it has no shape, follow rays '
-        'for the direction of the view: few shadows away from the sun, more texture towards it')
+        False, 'contrast and shadows of relief below the grid follow rays for the direction '
+        'of the view')
     far_rocks_m: float = param(
-        300.0, 'beyond the fine ground, rocks are drawn up to this distance from the origin in x '
-        'or y, from 0.3 m; 0: none', unit='m', low=0.0, high=2000.0)
+        300.0, 'distance from the origin in x or y up to which rocks from 0.3 m are drawn '
+        'beyond the fine ground; 0: none', unit='m', low=0.0, high=2000.0)
     smooth_outlines: bool = param(
         True, 'edges of ground, rocks, rover and shadows are drawn without steps')
     supersampling: int = param(

@@ -15,18 +15,15 @@ class SgmConfig(Parameters):
     gone = {'speckle_range_px': 2}
 
     mode: str = param('3way', 'paths of the aggregation: 3way 3, sgbm 5 (twice the time), hh4 4 '
-                      '(3.5 times), hh 8 (4.5 times). Median errors are within 0.03 px of 0 with '
-                      '`refinement` (sgbm -0.06 px in permanent shadow); without it they are -0.1 '
-                      'to -0.2 px with 3way, -0.3 to -0.5 with sgbm (depth is too long), 0.00 to '
-                      '+0.04 with hh4 and hh',
+                      '(3.5 times), hh 8 (4.5 times)',
                       choices=('sgbm', 'hh', 'hh4', '3way'))
     refinement: bool = param(True, 'refine each match to a fraction of a pixel by the brightness '
                              'around it')
     half_resolution: bool = param(True, 'match images of half the size, in 0.6 of the time; '
                                   '`refinement` finds the fractions of a pixel in the full ones')
     unexplained_percent: int = param(
-        25, 'by how much detail around a pixel may differ from that around its match, over the'
-        ' sum of both; 100 allows all', unit='%', low=0, high=100)
+        25, 'difference of the detail around a pixel and around its match, over the sum of both, '
+        'at most; 100 allows all', unit='%', low=0, high=100)
     min_disparity: int = param(0, 'disparity of the farthest point looked for', unit='px',
                                low=-512, high=1024)
     num_disparities: int = param(128, 'search range; 128 reaches ground 0.36 m away with the '
