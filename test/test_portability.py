@@ -55,7 +55,7 @@ print(said.hexdigest())
 """
     known = switches()
     ways = [{}, {**known['OpenBLAS of Nehalem'], **known['Numba generic'],
-             **known['NumPy without AVX2']}]
+                 **known['NumPy without AVX2']}]
     found = [subprocess.run([sys.executable, '-c', program, str(TEST)], capture_output=True,
                             text=True, check=True, env={
                                 **os.environ, 'PYTHONPATH': os.pathsep.join(sys.path), **way}
