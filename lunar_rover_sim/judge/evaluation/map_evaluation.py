@@ -42,11 +42,14 @@ class TrueSurface:
     """Heights and rocks of a world, by rays from above."""
 
     def __init__(self, world: World) -> None:
-        hulls = RockHulls(world.rocks, world.rock_shapes)
-        self._caster = RayCaster([HeightPyramid(world.ground, hulls)], hulls)
         self._ground = world.ground
-        rocks = world.rocks
-        top = float(world.ground.heights_m.max())
+        # Rays are cast in the frame of the window.
+        self._middle_m = np.array(world.ground.middle_m)
+        local = world.local()
+        rocks = local.rocks
+        hulls = RockHulls(rocks, local.rock_shapes)
+        self._caster = RayCaster([HeightPyramid(local.ground, hulls)], hulls)
+        top = float(local.ground.heights_m.max())
         if len(rocks):
             top = max(top, float((rocks.position_m[:, 2] + rocks.diameter_m).max()))
         self._top_m = top + _ABOVE_M
@@ -61,7 +64,8 @@ class TrueSurface:
         inside = np.flatnonzero(self._ground.contains(flat))
         height, rise = np.full(len(flat), np.nan), np.zeros(len(flat))
         if len(inside):
-            origin = np.column_stack([flat[inside], np.full(len(inside), self._top_m)])
+            origin = np.column_stack([flat[inside] - self._middle_m,
+                                      np.full(len(inside), self._top_m)])
             hits = self._caster.cast(origin, np.tile(_DOWN, (len(inside), 1)), 1e4,
                                      from_one_place=False)
             height[inside] = self._top_m - hits.distance_m

@@ -11,6 +11,7 @@ from lunar_rover_sim.autonomy.navigation.config import MapConfig
 from lunar_rover_sim.autonomy.navigation.elevation_map import ElevationMap
 from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.frames import matrix_from_wxyz, se3, wxyz_from_rpy
+from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.ground.world.world_folder import save_world
 from lunar_rover_sim.image.stereo.seen_depth import SeenDepth
 from lunar_rover_sim.judge.evaluation.map_evaluation import (CELL_M, DISTANCES_M, evaluate_maps,
@@ -103,6 +104,16 @@ def test_it_is_the_ground_or_a_rock_above_it():
     _, top = surface.heights(world.rocks.position_m[k, :2])
     assert top > 0.1 * world.rocks.diameter_m[k]
     assert np.isnan(surface.heights((100.0, 0.0))[0])
+
+
+def test_of_a_window_elsewhere_on_a_site_it_is_that_of_any_other_window():
+    site = Site.of(worlds.world(size_m=25.6, cell_m=0.05))
+    xy = np.random.default_rng(2).uniform(2.0, 11.0, (2000, 2))
+    (here, rise), (there, other) = (TrueSurface(site.window(middle)).heights(xy)
+                                    for middle in ((0.0, 0.0), (12.8, 12.8)))
+    assert np.isfinite(here).all() and (rise > 0.0).any()
+    np.testing.assert_allclose(there, here, atol=1e-6)
+    np.testing.assert_allclose(other, rise, atol=1e-6)
 
 
 def test_a_map_of_it_has_means_of_its_cells():
