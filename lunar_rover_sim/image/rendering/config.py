@@ -17,7 +17,7 @@ class DetailConfig(Parameters):
     """How much is drawn."""
 
     gone = {'full_resolution_m': 2.5, 'exact_m': 14.0, 'cells_per_distance': 64.0,
-            'rock_min_px': 0.7}
+            'rock_min_px': 0.7, 'contrast_by_view': False}
 
     relief_rms_slope: float = param(
         0.11, 'RMS slope of each of the two tiles of relief below the grid; facets of rocks and '
@@ -29,9 +29,6 @@ class DetailConfig(Parameters):
     relief_shape_m: float = param(
         0.0, 'up to this distance relief below the grid has shape (depth, parallax, occlusion); '
         'farther away it is light only', unit='m', low=0.0, high=2.5)
-    contrast_by_view: bool = param(
-        False, 'contrast and shadows of relief below the grid follow rays for the direction '
-        'of the view')
     far_rocks_m: float = param(
         300.0, 'distance from the origin in x or y up to which rocks from 0.3 m are drawn '
         'beyond the fine ground; 0: none', unit='m', low=0.0, high=2000.0)

@@ -32,10 +32,9 @@ F32 = NDArray[np.float32]
 _PIXELS = 32768         # of a band, about: the arrays of a loop stay in the cache of a core
 _NUMBERS = (
     'depth x y z vx vy vz slope_x slope_y lit albedo below around detail level slope_ax slope_ay '
-    'slope_bx slope_by horizon_a horizon_b factor grain shift of_rover cos_i cos_e cos_g theta '
-    'more_c sunlit normal_x normal_y normal_z kept reflectance direct whole lamp lamp_i lamp_g '
-    'of_lamp print_x print_y print_horizon print_seen print_coarse pressed loose beside '
-    'zero').split()
+    'slope_bx slope_by horizon_a horizon_b factor of_rover cos_i cos_e cos_g theta more_c sunlit '
+    'normal_x normal_y normal_z kept reflectance direct whole lamp lamp_i lamp_g of_lamp print_x '
+    'print_y print_horizon print_seen print_coarse pressed loose beside zero').split()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,13 +152,12 @@ class Band:
         else:
             own['of_rover'][:] = 1.0
         relief_factor(*get('depth slope_x slope_y vx vy vz detail'),
-                      np.array([*constants.sun[:6], texels.sun_tangent,
-                                texels.horizon[1]], np.float32),
-                      texels.factor, texels.look, *get('factor grain shift'))
+                      np.array([*constants.sun[:6], texels.sun_tangent], np.float32),
+                      texels.factor, own['factor'])
         shade(*get('depth x y vx vy vz slope_x slope_y lit albedo detail slope_ax slope_ay '
-                   'slope_bx slope_by horizon_a horizon_b factor grain shift of_rover '
+                   'slope_bx slope_by horizon_a horizon_b factor of_rover '
                    'beside pressed loose'), constants.sun, centre, texels.scales,
-              texels.least_scales, constants.trodden, tracks is not None, len(texels.look) > 0,
+              texels.least_scales, constants.trodden, tracks is not None,
               *get('cos_i cos_e cos_g theta more_c sunlit normal_x normal_y normal_z kept'))
         fill_reflectance(*get('cos_i cos_e cos_g theta albedo more_c'), constants.law,
                          own['reflectance'])

@@ -1,4 +1,4 @@
-"""Residual roughness below drawn relief by mip level, its contrast, a factor that keeps the mean.
+"""Residual roughness below drawn relief, by mip level, and a factor that keeps the mean.
 
 Hapke's law with the macroscopic roughness theta of a parameter set holds for ground whose relief
 is not drawn. Where a part of the relief is drawn, with slope variance V of both directions, the
@@ -10,10 +10,6 @@ since the mean slope of a Gaussian surface is tan theta = sqrt(pi V) / 2. The me
 ground still differs from the law: what turns away from the camera should look smaller, and shadows
 are in the law too. Both are taken out by a factor, law over mean of what is drawn, which depends
 only on the mip level and on the directions of sun and view over the local plane of the grid.
-
-With `detail.contrast_by_view` slopes are drawn steeper or flatter, and shadows longer or shorter,
-by what rays see of contrast and shadow there (relief_contrast.py): up-sun the sides that turn away
-from the sun, down-sun none of them. The factor is of what is drawn so: the mean does not change.
 """
 
 from __future__ import annotations
@@ -30,31 +26,25 @@ from lunar_rover_sim.ground.world.fine_relief import disc_share
 from lunar_rover_sim.ground.world.kept_arrays import kept
 from lunar_rover_sim.image.illumination import hapke
 from lunar_rover_sim.image.illumination.config import ReflectanceConfig
-from lunar_rover_sim.image.rendering.relief_contrast import seen_relief
 from lunar_rover_sim.image.rendering.relief_tiles import (FINER, ReliefTile, ReliefTiles,
                                                           SLOPE_SCALE)
 
 # Rises with every change of what `relief_brightness` returns, of tiles or of the law.
-_RECIPE = 6
+_RECIPE = 7
 LEVELS = 9              # mip levels of the fine tile; coarser ones are not used
 AZIMUTHS, COSINES = 8, 16       # nodes of the factor
 # Nodes: tangent of the sun's elevation over the local plane, over that over level ground. Below 1
 # light changes faster.
 HEIGHTS = (0.25, 0.5, 1.0, 4.0)
 LEAST_FACTOR, MOST_FACTOR = (128.0 / 255.0)**2, 8.0     # a factor of 1 has an exact code
-MOST_GRAIN = (255.0 / 64.0)**2      # a factor of 1 has an exact code
 LEAST_SCALES = (0.05, 0.0, 0.0, 1.0)
 _LEAST_TANGENT = 0.01   # of the sun's elevation
 _SAMPLES = 40_000
 _COARSE = [max(k - FINER, 0) for k in range(LEVELS)]     # levels of the coarse tile
 _NODES = (LEVELS, COSINES, AZIMUTHS, len(HEIGHTS))
-_GRAINS = np.array([0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, MOST_GRAIN])
-_SHIFTS = np.linspace(-0.25, 1.0, 41)    # of horizons, over half the range of their tangents
 _MOST_GAIN = 20.0
 _LEAST_SHARE = 0.7      # least brightness of drawn ground before the factor, over the law
 _ACROSS = np.array([0.0, 0.97, 0.243])      # direction of a view across the sun
-_SHIFT_STEP = 1.0 / 64.0
-_RMS_SLOPE = 0.15       # for which the edges of groups are made; those of less are nearer
 _EDGES = np.array([-0.6, -0.33, -0.2, -0.12, -0.06, -0.02, 0.02, 0.06, 0.12, 0.2, 0.33, 0.6])
 
 
@@ -69,17 +59,12 @@ class ReliefBrightness:
         factor: (LEVELS, COSINES, AZIMUTHS, 4) factor on sunlight; nodes are `azimuth_nodes`,
             `cosine_nodes` and the tangent of the sun over the local plane, `tangent` times
             HEIGHTS. Its inverse is interpolated: it falls to 0 where the sun sets behind relief.
-        grain, shift: (LEVELS, COSINES, AZIMUTHS) factor on slopes, and by how much horizons are
-            lowered, over half the range of their tangents; nodes as those of `factor`. None where
-            contrast does not follow the view.
         tangent: That of the sun over level ground.
     """
 
     scales: NDArray[np.float32]
     factor: NDArray[np.float32]
     tangent: float
-    grain: NDArray[np.float32] | None = None
-    shift: NDArray[np.float32] | None = None
 
 
 def azimuth_nodes() -> Array:
@@ -93,18 +78,14 @@ def cosine_nodes() -> Array:
 
 
 def relief_brightness(tiles: ReliefTiles, reflectance: ReflectanceConfig, elevation_rad: float,
-                      sun_radius_rad: float, by_view: bool = False) -> ReliefBrightness:
-    """Return how tiles are lit by a sun of this elevation and angular radius.
-
-    Args:
-        by_view: Whether contrast follows the view.
-    """
+                      sun_radius_rad: float) -> ReliefBrightness:
+    """Return how tiles are lit by a sun of this elevation and angular radius."""
     tangent = max(math.tan(elevation_rad), _LEAST_TANGENT)
     if tiles.flat:
         return ReliefBrightness(
             _polynomials(_wanted_scales(tiles, hapke.parameter_set(reflectance.ground))),
             np.ones(_NODES, np.float32), tangent)
-    return _of_relief(tiles, reflectance, tangent, sun_radius_rad, by_view)
+    return _of_relief(tiles, reflectance, tangent, sun_radius_rad)
 
 
 def _wanted_scales(tiles: ReliefTiles, ground: hapke.HapkeParameters) -> Array:
@@ -118,50 +99,38 @@ def _wanted_scales(tiles: ReliefTiles, ground: hapke.HapkeParameters) -> Array:
 
 @functools.lru_cache(maxsize=2)     # for the next renderer of the same scene
 def _of_relief(tiles: ReliefTiles, reflectance: ReflectanceConfig, tangent: float,
-               sun_radius_rad: float, by_view: bool) -> ReliefBrightness:
+               sun_radius_rad: float) -> ReliefBrightness:
     def rows() -> NDArray[np.float32]:
-        made = _made(tiles, reflectance, tangent, sun_radius_rad, by_view)
-        return np.concatenate([part.ravel() for part in (made.scales, made.factor, made.grain,
-                                                         made.shift) if part is not None])
+        made = _made(tiles, reflectance, tangent, sun_radius_rad)
+        return np.concatenate([made.scales.ravel(), made.factor.ravel()])
     ground = dataclasses.asdict(hapke.parameter_set(reflectance.ground))
     values = kept('relief_brightness', [_RECIPE, tiles.recipe, ground, reflectance.albedo_scale,
-                                        tangent, sun_radius_rad, by_view], rows)
-    scales, factor, grain, shift = np.split(values, np.cumsum(
-        [16, math.prod(_NODES), math.prod(_NODES[:3])]))
-    return ReliefBrightness(scales.reshape(4, 4), factor.reshape(_NODES), tangent,
-                            *(part.reshape(_NODES[:3]) for part in (grain, shift) if by_view))
+                                        tangent, sun_radius_rad], rows)
+    return ReliefBrightness(values[:16].reshape(4, 4), values[16:].reshape(_NODES), tangent)
 
 
 def _made(tiles: ReliefTiles, reflectance: ReflectanceConfig, tangent: float,
-          sun_radius_rad: float, by_view: bool) -> ReliefBrightness:
+          sun_radius_rad: float) -> ReliefBrightness:
     ground = hapke.parameter_set(reflectance.ground)
     rng = np.random.default_rng(0)
     levels = list(range(LEVELS))
     wanted = _wanted_scales(tiles, ground)
     factor = np.empty(_NODES, np.float32)
-    grain, shift = np.ones(_NODES[:3], np.float32), np.zeros(_NODES[:3], np.float32)
     samples = [(_sample(tiles, tiles.coarse, _COARSE[k], rng),
                 _sample(tiles, tiles.fine, k, rng)) for k in levels]
 
     def facets(k: int, scales: Array) -> _Facets:
         law = _Law(ground, reflectance.albedo_scale, math.degrees(math.atan(scales[0])))
-        return _Facets(law, *samples[k], scales[1:3], sun_radius_rad, tiles.half_range, by_view)
+        return _Facets(law, *samples[k], scales[1:3], sun_radius_rad)
 
     scales = _values(_polynomials(wanted))
     wanted[:, 3] = [_gain(facets(k, scales[k]), tangent) for k in levels]
     polynomials = _polynomials(wanted)
     scales = _values(polynomials)       # what the rows draw with
-    # Shapes of the tiles, without the sun that their recipe ends with.
-    seen = seen_relief(tiles, ground, reflectance.albedo_scale, [
-        *tiles.recipe[:-2], dataclasses.asdict(ground), reflectance.albedo_scale], tangent,
-        np.array(levels, float), cosine_nodes(), azimuth_nodes()) if by_view else None
     for k in levels:
-        own, gain = facets(k, scales[k]), float(scales[k, 3])
-        if seen is not None:
-            grain[k], shift[k] = _look(own, tangent, gain, seen.contrast[k], seen.dark[k])
         for j, sun in enumerate(tangent * np.array(HEIGHTS)):
-            factor[k, :, :, j] = _factor(own, sun, gain, grain[k], shift[k])
-    return ReliefBrightness(polynomials, factor, tangent, *([grain, shift] if by_view else []))
+            factor[k, :, :, j] = _factor(facets(k, scales[k]), sun, float(scales[k, 3]))
+    return ReliefBrightness(polynomials, factor, tangent)
 
 
 def _polynomials(scales: Array) -> NDArray[np.float32]:
@@ -188,18 +157,17 @@ class _Law:
         return hapke.reflectance(cos_i, cos_e, cos_g, self.ground, albedo=self.albedo)
 
     def drawn(self, slope: Array, tangent: float, view: Array) -> Array:
-        """Return that of (..., m, 2) slopes to (..., 3) views, as `shade_rows.shade`."""
+        """Return the reflectance of (m, 2) slopes to (..., 3) views, as `shade_rows.shade`."""
         sun = np.array([1.0, 0.0, tangent]) / math.hypot(1.0, tangent)
-        normal = np.concatenate([-slope, np.ones((*slope.shape[:-1], 1))], axis=-1)
+        normal = np.column_stack([-slope, np.ones(len(slope))])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        least = np.clip(view[..., 2:], 0.02, 0.08)
+        lift = np.maximum(least - view @ normal.T, 0.0)[..., None]
+        normal = normal + lift * view[..., None, :]
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        view = view[..., None, :]
-        least = np.clip(view[..., 2], 0.02, 0.08)
-        lift = np.maximum(least - np.sum(view * normal, axis=-1), 0.0)[..., None]
-        normal = normal + lift * view
-        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        seen = np.maximum(np.sum(normal * view, axis=-1), 0.02)
-        return hapke.reflectance(normal @ sun, seen, view @ sun, self.ground, albedo=self.albedo,
-                                 theta_deg=self.rest_deg)
+        seen = np.maximum(np.sum(normal * view[..., None, :], axis=-1), 0.02)
+        return hapke.reflectance(normal @ sun, seen, (view @ sun)[..., None], self.ground,
+                                 albedo=self.albedo, theta_deg=self.rest_deg)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -211,43 +179,28 @@ class _Facets:
     fine: tuple[Array, Array]
     spreads: Array
     sun_radius_rad: float
-    half_range: float
-    by_view: bool
 
     @property
     def slope(self) -> Array:
         """Slopes towards the sun and to its left, (m, 2)."""
         return self.coarse[0] + self.fine[0]
 
-    def lit(self, tangent: float, shift: float = 0.0) -> Array:
+    def lit(self, tangent: float) -> Array:
         """Return the share of light that each sample gets, (m,)."""
-        width, over = self.sun_radius_rad * (1.0 + tangent**2), tangent + shift * self.half_range
-        return disc_share((over - self.coarse[1]) / (width + self.spreads[0])) \
-            * disc_share((over - self.coarse[0][:, 0] - self.fine[1]) / (width + self.spreads[1]))
+        width = self.sun_radius_rad * (1.0 + tangent**2)
+        return disc_share((tangent - self.coarse[1]) / (width + self.spreads[0])) \
+            * disc_share((tangent - self.coarse[0][:, 0] - self.fine[1])
+                         / (width + self.spreads[1]))
 
-    def grouped(self, tangent: float, gain: float, shift: Array) -> tuple[Array, Array, Array]:
-        """Return slopes of groups of samples, and the light that each stands for.
-
-        Args:
-            shift: (...,) of horizons.
-
-        Returns:
-            (..., g, 2), (..., g), and the mean square of the light (..., g).
-        """
-        slope = self.slope
+    def grouped(self, tangent: float, gain: float) -> tuple[Array, Array]:
+        """Return the slopes of groups of samples, (g, 2), and the light that each stands for."""
+        lit, slope = gained(self.lit(tangent), gain), self.slope
         bins = len(_EDGES) + 1
-        edges = _EDGES * (min(float(slope.std()) / _RMS_SLOPE, 1.0) if self.by_view else 1.0)
-        index = np.digitize(slope[:, 0], edges) * bins + np.digitize(slope[:, 1], edges)
-        steps, which = np.unique(np.rint(shift / _SHIFT_STEP), return_inverse=True)
-        found = np.empty((len(steps), bins * bins, 4))
-        for k, step in enumerate(steps):
-            light = gained(self.lit(tangent, step * _SHIFT_STEP), gain)
-            sums = [np.bincount(index, light * what, bins * bins)
-                    for what in (slope[:, 0], slope[:, 1], 1.0, light)]
-            found[k] = np.stack(sums, axis=-1) / len(slope)
-            found[k, :, :2] /= np.maximum(found[k, :, 2:3], 1e-12)
-        found = found[which.reshape(shift.shape)]
-        return found[..., :2], found[..., 2], found[..., 3]
+        index = np.digitize(slope[:, 0], _EDGES) * bins + np.digitize(slope[:, 1], _EDGES)
+        share = np.bincount(index, lit, bins * bins)
+        some = share > 0.0
+        sums = [np.bincount(index, lit * slope[:, k], bins * bins)[some] for k in (0, 1)]
+        return np.stack(sums, axis=1) / share[some, None], share[some] / len(lit)
 
 
 def gained(lit: Array, gain: float) -> Array:
@@ -295,44 +248,15 @@ def _sample(tiles: ReliefTiles, tile: ReliefTile, level: int,
             tiles.centre + (texel[:, 2] / 127.5 - 1.0) * tiles.half_range)
 
 
-def _views() -> tuple[Array, Array]:
-    """Return cosines of emission and unit vectors of all nodes, (COSINES, AZIMUTHS, ...)."""
+def _factor(facets: _Facets, tangent: float, gain: float) -> Array:
+    """Return (COSINES, AZIMUTHS) of the law over the mean of groups of facets."""
+    slope, share = facets.grouped(tangent, gain)
+    if not len(slope):
+        return np.ones((COSINES, AZIMUTHS))
     cosine, azimuth = np.meshgrid(cosine_nodes(), azimuth_nodes(), indexing='ij')
     sine = np.sqrt(1.0 - cosine**2)
-    return cosine, np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
-
-
-def _look(facets: _Facets, tangent: float, gain: float, contrast: Array,
-          dark: Array) -> tuple[Array, Array]:
-    """Return factors on slopes and shifts of horizons, (COSINES, AZIMUTHS), that look as rays see.
-
-    Args:
-        contrast, dark: As `SeenRelief`, of this level.
-    """
-    _, view = _views()
-    facing = facets.slope[:, 0] < tangent
-    unlit = [1.0 - float(np.mean(facets.lit(tangent, shift) * facing)) for shift in _SHIFTS]
-    shift = np.interp(dark, np.sort(unlit), _SHIFTS[::-1])      # the more, the less is dark
-    slope, light, square = facets.grouped(tangent, gain, shift)
-    found = np.empty((len(_GRAINS), *contrast.shape))
-    for k, grain in enumerate(_GRAINS):
-        drawn = facets.law.drawn(grain * slope, tangent, view)
-        mean = np.maximum(np.sum(drawn * light, axis=-1), 1e-12)
-        found[k] = np.sqrt(np.maximum(np.sum(drawn**2 * square, axis=-1) / mean**2 - 1.0, 0.0))
-    found = np.maximum.accumulate(found, axis=0)
-    grain = [np.interp(wanted, column, _GRAINS) for wanted, column in zip(
-        contrast.ravel(), found.reshape(len(_GRAINS), -1).T)]
-    return np.reshape(grain, contrast.shape), shift
-
-
-def _factor(facets: _Facets, tangent: float, gain: float, grain: Array, shift: Array) -> Array:
-    """Return (COSINES, AZIMUTHS) of the law over the mean of groups of facets."""
-    cosine, view = _views()
-    slope, light, _ = facets.grouped(tangent, gain, shift)
-    if not light.any():
-        return np.ones((COSINES, AZIMUTHS))
+    view = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
     sun = np.array([1.0, 0.0, tangent]) / math.hypot(1.0, tangent)
-    slope = grain[..., None, None] * slope
-    drawn = np.sum(facets.law.drawn(slope, tangent, view) * light, axis=-1)
+    drawn = facets.law.drawn(slope, tangent, view) @ share
     law = facets.law.far(sun[2], cosine, view @ sun)
     return np.clip(law / np.maximum(drawn, 1e-9), LEAST_FACTOR, MOST_FACTOR)

@@ -1,4 +1,4 @@
-"""Factors that keep the mean of the ground, and its contrast, pixel by pixel."""
+"""The factor that keeps the mean of the ground, pixel by pixel."""
 
 from __future__ import annotations
 
@@ -12,33 +12,27 @@ _N, _PAGE = CHUNK, PAGE
 _ZERO, _HALF, _ONE, _TWO = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0))
 _LEAST = np.float32(1e-6)
 _BRIGHTEST = np.float32(0.125)
-_TO_GRAIN, _NONE = np.float32(1.0 / 4096.0), np.float32(128.0)
 _BYTE2 = np.float32((255.0 / 128.0)**2 / 255.0**2)
 
 
 @vectorised
 def relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,  # type: ignore[no-untyped-def]
-                  sun, nodes, looks, result, grain, shift):
-    """Fill in the law over the mean of drawn ground, factor on slopes, and shift of horizons.
-
-    Nodes are as in relief_brightness.py.
+                  sun, nodes, result):
+    """Fill in the law over the mean of drawn ground; nodes as in relief_brightness.py.
 
     Args:
         depth, slope_x, slope_y, vx, vy, vz, detail: (n,), slopes of the grid.
         sun: Unit vector to it; to it over level ground; tangent of its elevation over such ground
-            that it may be compared with; half the range of tangents of horizons.
+            that it may be compared with.
         nodes: (levels, cosines, azimuths) codes of four heights of the sun, as uint32: roots of
             the inverse, over LEAST_FACTOR.
-        looks: (levels, cosines, azimuths) codes, as uint32: root of the factor on slopes (64 is
-            1), shift (128 is none); empty where contrast does not follow the view.
-        result: (n,); grain, shift: (n,) filled in if there are `looks`.
+        result: (n,).
     """
     s, place = np.empty(8 * _PAGE, np.float32), np.empty(2 * _PAGE, np.int32)
     t = np.empty(8 * _PAGE, np.uint32)
     sx, sy, sz, hx, hy, hz, level_ground = sun[0], sun[1], sun[2], sun[3], sun[4], sun[5], sun[6]
     levels, cosines, azimuths = nodes.shape
-    to_shift = sun[7] * np.float32(1.0 / 127.0)
-    flat, flat_looks = nodes.ravel(), looks.ravel()
+    flat = nodes.ravel()
     m, a, e = (np.float32(levels - 1), np.float32(cosines - 1), np.float32(azimuths - 1))
     row, layer = np.int32(azimuths), np.int32(azimuths * cosines)
     u, v, w, high, out = 0, _PAGE, 2 * _PAGE, 3 * _PAGE, 4 * _PAGE
@@ -106,35 +100,3 @@ def relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,  # type: ignore[n
                 t[j] = t[j] >> np.uint32(8)
         for j in range(_N):
             result[i + j] = _ONE / max(_BYTE2 * s[out + j], _BRIGHTEST)
-        if not len(flat_looks):
-            continue
-        for j in range(_N):
-            k = place[j]
-            t[j], t[_PAGE + j] = flat_looks[k], flat_looks[k + 1]
-            t[2 * _PAGE + j], t[3 * _PAGE + j] = flat_looks[k + row], flat_looks[k + row + 1]
-            k += layer
-            t[4 * _PAGE + j], t[5 * _PAGE + j] = flat_looks[k], flat_looks[k + 1]
-            t[6 * _PAGE + j], t[7 * _PAGE + j] = flat_looks[k + row], flat_looks[k + row + 1]
-        for channel in range(2):
-            for j in range(_N):
-                f, g, d = s[u + j], s[v + j], s[w + j]
-                p = byte(t[j])
-                p += f * (byte(t[_PAGE + j]) - p)
-                q = byte(t[2 * _PAGE + j])
-                q += f * (byte(t[3 * _PAGE + j]) - q)
-                p += g * (q - p)
-                q = byte(t[4 * _PAGE + j])
-                q += f * (byte(t[5 * _PAGE + j]) - q)
-                z = byte(t[6 * _PAGE + j])
-                z += f * (byte(t[7 * _PAGE + j]) - z)
-                q += g * (z - q)
-                p += d * (q - p)
-                s[out + j] = p
-            if channel:
-                for j in range(_N):
-                    shift[i + j] = (s[out + j] - _NONE) * to_shift
-            else:
-                for j in range(_N):
-                    grain[i + j] = _TO_GRAIN * s[out + j] * s[out + j]
-                for j in range(len(t)):
-                    t[j] = t[j] >> np.uint32(8)

@@ -88,20 +88,17 @@ def rover_shadow(depth, x, y, z, view, sun,  # type: ignore[no-untyped-def]
 
 @vectorised
 def shade(depth, x, y, vx, vy, vz, slope_x, slope_y, lit, albedo,  # type: ignore[no-untyped-def]
-          detail, slope_ax, slope_ay, slope_bx, slope_by, horizon_a, horizon_b, factor, grain,
-          shift, of_rover, beside, pressed, loose, sun, centre, scales, least_scales, trodden,
-          has_tracks, by_view, cos_i, cos_e, cos_g, theta, more_c, sunlit, normal_x, normal_y,
-          normal_z, kept):
+          detail, slope_ax, slope_ay, slope_bx, slope_by, horizon_a, horizon_b, factor, of_rover,
+          beside, pressed, loose, sun, centre, scales, least_scales, trodden, has_tracks,
+          cos_i, cos_e, cos_g, theta, more_c, sunlit, normal_x, normal_y, normal_z, kept):
     """Fill in what the law and truth take of pixels, from all that has been looked up.
 
     Args:
-        depth to of_rover: (n,) as other loops fill them in; factors are of what has no shape.
+        depth to of_rover: (n,) as other loops fill them in.
         beside, pressed, loose: (n,) of tracks; they count with `has_tracks`.
         sun: Unit vector to it; to it over level ground; radius of its disc [rad].
         centre: Place of the middle of all cameras [m], reach of relief with shape [m].
         scales, least_scales: (4, 4) and (4,) of `ReliefBrightness`.
-        by_view: Whether `grain`, the factor on slopes, and `shift`, by which horizons are lower,
-            count.
         trodden: Albedo lost where soil is compacted, where loose; tangent of the roughness where
             compacted; what is added to c there.
         lit: Replaced by the share of the sun that lights the ground; `albedo` by that of tracks.
@@ -191,19 +188,6 @@ def shade(depth, x, y, vx, vy, vz, slope_x, slope_y, lit, albedo,  # type: ignor
             up = _ONE / np.sqrt(p * p + q * q + _ONE)
             s[cosine + j] = up * (s[wz + j] - p * s[wx + j] - q * s[wy + j])
             s[tangent + j] = hz - p * hx - q * hy
-        if by_view:
-            # Where there is shape, rays meet what is seen.
-            for j in range(_N):
-                lower = (_ONE - s[shaped + j]) * shift[i + j]
-                s[ha + j] -= lower
-                # The fine horizon lies over the slope of the coarse tile as it is.
-                steep = (_ONE - s[shaped + j]) * (grain[i + j] - _ONE)
-                s[hb + j] -= lower + steep * (s[ax + j] * hx + s[ay + j] * hy)
-                steep += _ONE
-                s[ax + j] *= steep
-                s[ay + j] *= steep
-                s[bx + j] *= steep
-                s[by + j] *= steep
         # Faces of the fine relief that turn away from the camera are hidden by those that face it.
         for j in range(_N):
             p, q = (-s[gx + j] - s[ax + j] - s[bx + j], -s[gy + j] - s[ay + j] - s[by + j])

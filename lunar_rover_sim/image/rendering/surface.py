@@ -11,7 +11,7 @@ from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.rendering.ground_texels import LevelTexels
 from lunar_rover_sim.image.rendering.mip_texels import mip_texels, MipTexels, packed_levels
 from lunar_rover_sim.image.rendering.relief_brightness import (LEAST_FACTOR, LEAST_SCALES, LEVELS,
-                                                               MOST_GRAIN, ReliefBrightness)
+                                                               ReliefBrightness)
 from lunar_rover_sim.image.rendering.relief_rows import place_in_site
 from lunar_rover_sim.image.rendering.relief_tiles import ReliefTiles
 
@@ -28,7 +28,7 @@ class SurfaceTexels:
     Attributes:
         levels, ground, matter: Of `grid_rows.light_of_grid`.
         coarse, fine, tile, horizon: Of `relief_rows.relief_of`.
-        factor, look: Of `relief_factor.relief_factor`.
+        factor: Of `relief_factor.relief_factor`.
         sun_tangent: That of its elevation over level ground, at least a hundredth.
         scales: Of `shade_rows.shade`.
         fine_log2: log2 of texels of the fine tile per metre.
@@ -42,7 +42,6 @@ class SurfaceTexels:
     tile: F32
     horizon: F32
     factor: NDArray[np.uint32]
-    look: NDArray[np.uint32]
     sun_tangent: float
     scales: F32
     fine_log2: float
@@ -66,10 +65,6 @@ def surface_texels(world: World, levels: list[LevelTexels], tiles: ReliefTiles,
                         -np.log2(grid.cell_m), grid.half_extent_m] for grid in grids])
     factor = brightness.factor
     roots = np.rint(255.0 * np.sqrt(LEAST_FACTOR / factor)).astype(np.uint8)
-    look = np.zeros((0, 0, 0), np.uint32)
-    if brightness.grain is not None and brightness.shift is not None:
-        steep = np.rint(255.0 * np.sqrt(brightness.grain / MOST_GRAIN)).astype(np.uint32)
-        look = steep | np.rint(128.0 + 127.0 * brightness.shift).astype(np.uint32) << 8
     tile = np.array([1.0 / tiles.coarse.period_m, 1.0 / tiles.fine.period_m, 1.0 / _CELL_M],
                     np.float32)
     return SurfaceTexels(
@@ -78,8 +73,7 @@ def surface_texels(world: World, levels: list[LevelTexels], tiles: ReliefTiles,
         packed_levels(tiles.coarse.codes), packed_levels(tiles.fine.codes),
         np.concatenate([tile, place_in_site(tile, world.origin_m)]),
         np.array([tiles.centre, tiles.half_range], np.float32),
-        np.ascontiguousarray(roots).view(np.uint32)[..., 0],
-        look, brightness.tangent,
+        np.ascontiguousarray(roots).view(np.uint32)[..., 0], brightness.tangent,
         np.asarray(brightness.scales, np.float32), float(-np.log2(tiles.fine.texel_m)))
 
 

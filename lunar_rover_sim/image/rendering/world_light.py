@@ -53,8 +53,7 @@ def world_light(world: World, config: RenderConfig, seed: int, far_rocks: Rocks,
                         far=far_rocks)
     radius = math.radians(0.5 * sun.angular_diameter_deg)
     tiles = started.result()
-    brightness = relief_brightness(tiles, config.reflectance, sunlight.sun.elevation_rad, radius,
-                                   config.detail.contrast_by_view and sun.irradiance > 0.0)
+    brightness = relief_brightness(tiles, config.reflectance, sunlight.sun.elevation_rad, radius)
     with ThreadPoolExecutor(2) as pool:
         levels = list(pool.map(lambda k: texels.under(sunlight, k, radius),
                                range(len(world.levels))))

@@ -176,35 +176,29 @@ def test_the_factor_between_nodes(pixels):
     rng = np.random.default_rng(4)
     codes = rng.integers(60, 256, (9, 16, 8, 4)).astype(np.uint8)
     slope_x, slope_y = (rng.normal(0.0, 0.1, N).astype(F32) for _ in range(2))
-    looks = rng.integers(60, 256, (9, 16, 8, 2)).astype(np.uint32)
-    detail, (out, grain, shift) = rng.uniform(0.0, 8.0, N).astype(F32), arrays(3)
+    detail, out = rng.uniform(0.0, 8.0, N).astype(F32), arrays(1)[0]
     tangent = 0.2
     sun = np.array([1.0, 0.0, tangent]) / np.hypot(1.0, tangent)
     relief_factor.relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,
-                                np.array([*sun, 1.0, 0.0, tangent, tangent, 0.5], F32),
-                                np.ascontiguousarray(codes).view(np.uint32)[..., 0],
-                                looks[..., 0] | looks[..., 1] << 8, out, grain, shift)
+                                np.array([*sun, 1.0, 0.0, tangent, tangent], F32),
+                                np.ascontiguousarray(codes).view(np.uint32)[..., 0], out)
     up = np.stack([-slope_x, -slope_y, np.ones(N)])
     up /= np.linalg.norm(up, axis=0)
     cosine, of_sun = np.clip((up * [vx, vy, vz]).sum(axis=0), 0.0, 1.0), sun @ up
     across = np.maximum((1.0 - cosine**2) * (1.0 - of_sun**2), 1e-6)
     turn = np.clip((sun @ [vx, vy, vz] - cosine * of_sun) / np.sqrt(across), -1.0, 1.0)
     at = [detail, 15.0 * np.sqrt(cosine), 7.0 * np.sqrt(0.5 - 0.5 * turn)]
-    roots, look = np.zeros((N, 4)), np.zeros((N, 2))
+    roots = np.zeros((N, 4))
     low = [np.minimum(np.floor(place), n - 2).astype(int) for place, n in zip(at, (9, 16, 8))]
     for corner in np.ndindex(2, 2, 2):
         share = np.prod([abs(1 - step - (place - first)) for step, place, first
                          in zip(corner, at, low)], axis=0)
-        node = tuple(a + b for a, b in zip(low, corner))
-        roots += share[:, None] * codes[node] / 255.0
-        look += share[:, None] * looks[node]
+        roots += share[:, None] * codes[tuple(a + b for a, b in zip(low, corner))] / 255.0
     height = np.log2(np.maximum((tangent - slope_x) / tangent, 1e-6))
     height = np.clip(np.where(height < 0.0, height, 0.5 * height), -2.0, 1.0)
     weight = np.maximum(1.0 - abs(height[:, None] - [-2.0, -1.0, 0.0, 1.0]), 0.0)
     inverse = (255.0 / 128.0)**2 * (roots**2 * weight).sum(axis=1)
     np.testing.assert_allclose(out, 1.0 / np.maximum(inverse, 0.125), rtol=2e-3)
-    np.testing.assert_allclose(grain, (look[:, 0] / 64.0)**2, rtol=2e-3)
-    np.testing.assert_allclose(shift, (look[:, 1] - 128.0) * 0.5 / 127.0, atol=1e-3)
 
 
 def test_tracks_near_and_far(pixels):

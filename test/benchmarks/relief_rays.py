@@ -1,7 +1,7 @@
 """What a camera sees of the relief below the grid, by rays cast against the heights of its tiles.
 
-The look of the relief (relief_rows.py) is of slopes and horizons alone. Rays also know what hides
-what: at a low view only faces that look towards the camera are seen, up-sun those in shadow.
+What is drawn (relief_rows.py) is of slopes and horizons alone. Rays also know what hides what: at
+a low view only faces that look towards the camera are seen, up-sun those in shadow.
 """
 
 from __future__ import annotations
