@@ -222,7 +222,7 @@ def meet_rock(rocks, rock, x, y, z, dx, dy, dz):
                 leave = min(leave, gap / speed)
             elif gap < 0.0:
                 leave = -np.inf
-            if enter > leave:
+            if enter > leave or leave < 0.0:
                 break
         if enter <= leave:
             if enter <= 0.0 <= leave:
