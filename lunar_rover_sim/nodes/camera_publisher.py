@@ -23,10 +23,9 @@ from lunar_rover_sim.image.camera.fisheye import geometry_of
 from lunar_rover_sim.image.camera.mosaic import shown
 from lunar_rover_sim.image.camera.mount import BodyMount, Mount
 from lunar_rover_sim.image.rendering import layer_pictures
-from lunar_rover_sim.image.rendering.instances import instances
-from lunar_rover_sim.image.rendering.labels import class_names, vocabulary
+from lunar_rover_sim.image.rendering.labels import class_names, instances, vocabulary
 from lunar_rover_sim.image.rendering.renderer import FurtherCamera, Renderer
-from lunar_rover_sim.image.stereo.points import points_from_depth
+from lunar_rover_sim.image.stereo.depth import points_from_depth
 from lunar_rover_sim.image.stereo.sgm import SgmMatcher
 from lunar_rover_sim.nodes import conversions, image_conversions, qos
 from lunar_rover_sim.nodes.image_conversions import (detections, label_info, vision_info,

@@ -20,8 +20,8 @@ from stereo_msgs.msg import DisparityImage
 
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.image.camera.encoding import eight_bits, encoding_of
-from lunar_rover_sim.image.rendering.instances import CRATER, Instance
-from lunar_rover_sim.image.rendering.labels import FIRST_CRATER, LABEL_FIRST_ROCK, METHOD
+from lunar_rover_sim.image.rendering.labels import (CRATER, FIRST_CRATER, Instance,
+                                                    LABEL_FIRST_ROCK, METHOD)
 
 if TYPE_CHECKING:
     from lunar_rover_sim.image.camera.fisheye import FisheyeCamera
@@ -81,7 +81,7 @@ def point_cloud(points_m: NDArray[np.float32], picture: NDArray, frame_id: str,
     names = ['x', 'y', 'z', 'intensity', *(['rgb'] if picture.ndim == 3 else [])]
     height, width, _ = points_m.shape
     values = np.empty((height, width, len(names)), '<f4')
-    from lunar_rover_sim.image.stereo.points import grey  # OpenCV: physics_node starts without it
+    from lunar_rover_sim.image.stereo.depth import grey  # OpenCV: physics_node starts without it
     values[..., :3], values[..., 3] = points_m, grey(picture)
     if picture.ndim == 3:
         red, green, blue = np.moveaxis(eight_bits(picture).astype('<u4'), -1, 0)

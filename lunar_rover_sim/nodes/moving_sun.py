@@ -11,8 +11,8 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.frames import sun_direction
 from lunar_rover_sim.image.illumination.config import SunConfig
 from lunar_rover_sim.image.illumination.sun_of_date import SunPath
+from lunar_rover_sim.image.rendering.drawn_window import WorldLight
 from lunar_rover_sim.image.rendering.renderer import Renderer
-from lunar_rover_sim.image.rendering.world_light import WorldLight
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 

@@ -21,7 +21,7 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import GraphError
 from lunar_rover_sim.base.frames import matrix_from_wxyz, se3
 from lunar_rover_sim.image.camera.encoding import eight_bits, ENCODINGS
-from lunar_rover_sim.image.stereo.points import grey
+from lunar_rover_sim.image.stereo.depth import grey
 from lunar_rover_sim.judge.slam import protocol
 from lunar_rover_sim.judge.slam.graph.collected import AIDS
 from lunar_rover_sim.judge.slam.graph.in_process import GraphTracker

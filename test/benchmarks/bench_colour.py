@@ -15,9 +15,8 @@ import numpy as np
 from scipy import stats
 
 from lunar_rover_sim.image.rendering.snapshot import HEIGHT_M, settle, standing
-from lunar_rover_sim.image.stereo.depth import disparity_from_depth
+from lunar_rover_sim.image.stereo.depth import disparity_from_depth, grey
 from lunar_rover_sim.image.stereo.error import stereo_errors
-from lunar_rover_sim.image.stereo.points import grey
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
 

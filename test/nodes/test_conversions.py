@@ -18,8 +18,8 @@ from std_msgs.msg import Header  # noqa: E402
 
 from lunar_rover_sim.base import frames, topics  # noqa: E402
 from lunar_rover_sim.base.errors import GraphError  # noqa: E402
-from lunar_rover_sim.image.rendering.instances import instances  # noqa: E402
 from lunar_rover_sim.image.rendering.labels import class_names  # noqa: E402
+from lunar_rover_sim.image.rendering.labels import instances  # noqa: E402
 from lunar_rover_sim.image.rendering.labels import LABEL_FIRST_ROCK  # noqa: E402
 from lunar_rover_sim.nodes import conversions, image_conversions  # noqa: E402
 from lunar_rover_sim.nodes.message_types import definition_of  # noqa: E402

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from lunar_rover_sim.ground.world import albedo, far_rocks, fine_relief
 from lunar_rover_sim.image.camera import distortion, miscalibration
 from lunar_rover_sim.image.camera.config import CameraConfig, LensConfig, SensorConfig
-from lunar_rover_sim.image.camera.exposure import AutoExposure, first_exposure_s
+from lunar_rover_sim.image.camera.development import AutoExposure, first_exposure_s
 from lunar_rover_sim.image.camera.fisheye import FisheyeCamera
 from lunar_rover_sim.image.camera.hazard import HazardCameraConfig
 from lunar_rover_sim.image.camera.lens import Glare, Lens
@@ -19,8 +19,7 @@ from lunar_rover_sim.image.camera.sensor import SensorModel
 from lunar_rover_sim.image.illumination.config import LampConfig, ReflectanceConfig, SunConfig
 from lunar_rover_sim.image.stereo.config import SgmConfig
 from lunar_rover_sim.image.stereo.error import stereo_errors
-from lunar_rover_sim.image.stereo.refinement import refined
-from lunar_rover_sim.image.stereo.sgm import SgmMatcher
+from lunar_rover_sim.image.stereo.sgm import refined, SgmMatcher
 from lunar_rover_sim.judge.evaluation import statistics
 from lunar_rover_sim.judge.evaluation.image_statistics import GreyPair, image_statistics, MEASURES
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory, wxyz

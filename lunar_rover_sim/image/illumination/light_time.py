@@ -16,8 +16,7 @@ from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.moon_place import MoonPlace
 from lunar_rover_sim.ground.world.shade import horizon_deg
-from lunar_rover_sim.image.illumination.ephemeris import Dates
-from lunar_rover_sim.image.illumination.sky import lit_share, Sky, sky
+from lunar_rover_sim.image.illumination.sky import Dates, lit_share, Sky, sky
 
 _MASK_STEP_DEG = 0.5
 

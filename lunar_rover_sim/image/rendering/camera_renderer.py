@@ -8,7 +8,7 @@ motion and sensor do happens in the image that the faces make.
 from __future__ import annotations
 
 import collections
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 import dataclasses
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.base.compiled import compiled
-from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.frames import Array, inverse
 from lunar_rover_sim.base.workers import Workers
 from lunar_rover_sim.image.camera.config import SensorConfig
 from lunar_rover_sim.image.camera.development import Development, Light
@@ -28,15 +28,17 @@ from lunar_rover_sim.image.camera.rig import PinholeCamera
 from lunar_rover_sim.image.camera.sensor import SensorModel
 from lunar_rover_sim.image.illumination.config import SunConfig
 from lunar_rover_sim.image.rendering.config import RenderConfig
-from lunar_rover_sim.image.rendering.fisheye_faces import FisheyeFaces
+from lunar_rover_sim.image.rendering.context import GlOwner
+from lunar_rover_sim.image.rendering.faces import check_size, FisheyeFaces, PinholeFace
 from lunar_rover_sim.image.rendering.frame import StereoFrame
-from lunar_rover_sim.image.rendering.gl_owner import GlOwner
-from lunar_rover_sim.image.rendering.pinhole_face import check_size, PinholeFace
+from lunar_rover_sim.image.rendering.projection import Projection
 from lunar_rover_sim.image.rendering.scene import LEFT, Request, Scene, SeenSun
 from lunar_rover_sim.image.rendering.scene_passes import ScenePasses
-from lunar_rover_sim.image.rendering.seen_links import seen_links
 from lunar_rover_sim.image.rendering.world_passes import WorldPasses
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.rover.primitives import merge
+from lunar_rover_sim.rover.visual import link_poses, visual_parts
 
 
 class CameraRenderer(GlOwner):
@@ -233,3 +235,51 @@ def _true_depth(first, last, drawn, depth):  # type: ignore[no-untyped-def]
         own, out = drawn[r], depth[r]
         for c in range(len(own)):
             out[c] = abs(own[c]) if own[c] != 0.0 else np.inf
+
+
+_ANGLES = 36            # of a leg that turns once
+_BEYOND = 0.02          # of half the field of view: what comes in between two angles
+
+
+def seen_links(rover: RoverDescription, T_base_cameras: Iterable[Array],
+               projection: Projection) -> tuple[int, ...]:
+    """Return the indices of links that may show in the images: 0 base_link, then the legs.
+
+    A link counts if a camera sees one of its triangles at any leg angle, or nearly so.
+
+    Args:
+        T_base_cameras: (4, 4) poses of the optical frames.
+    """
+    links, parts = list(link_poses(rover)), visual_parts(rover)
+    meshes = [merge([(part.vertices.astype(float), part.faces.astype(np.int64))
+                     for part in parts if part.link == link]) for link in links]
+    cameras = [inverse(T) for T in T_base_cameras]
+    planes = _planes(projection)
+    seen = set()
+    for angle in np.linspace(0.0, 2.0 * np.pi, _ANGLES, endpoint=False):
+        poses = link_poses(rover, np.full(len(links) - 1, angle))
+        for index, (link, (vertices, faces)) in enumerate(zip(links, meshes)):
+            if index in seen or (index == 0 and angle > 0.0):
+                continue
+            for T_camera_base in cameras:
+                T = T_camera_base @ poses[link]
+                within = (vertices @ T[:3, :3].T + T[:3, 3]) @ planes.T
+                within[:, -1] -= projection.near_m
+                inside = within > 0.0
+                if not np.all(np.any(inside, axis=0)):      # all of it is beyond one plane
+                    continue
+                a, b, c = inside[faces.T]
+                if np.any(np.all(a | b | c, axis=1)):
+                    seen.add(index)
+                    break
+    return tuple(sorted(seen))
+
+
+def _planes(projection: Projection) -> Array:
+    """Return (5, 3) normals, inwards, of the sides of the view volume and of its near end."""
+    K, w, h = projection.K, projection.width, projection.height
+    grow = 1.0 + _BEYOND
+    return np.array([[1.0, 0.0, grow * (K[0, 2] + 0.5) / K[0, 0]],
+                     [-1.0, 0.0, grow * (w - K[0, 2] - 0.5) / K[0, 0]],
+                     [0.0, 1.0, grow * (K[1, 2] + 0.5) / K[1, 1]],
+                     [0.0, -1.0, grow * (h - K[1, 2] - 0.5) / K[1, 1]], [0.0, 0.0, 1.0]])

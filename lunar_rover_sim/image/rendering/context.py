@@ -1,19 +1,56 @@
-"""The OpenGL context, without a window: EGL on a GPU or on Mesa's llvmpipe."""
+"""The OpenGL context, without a window, on a GPU or Mesa's llvmpipe; who owns its objects."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+import contextlib
 import functools
 from importlib import resources
 import logging
 import os
 import re
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import moderngl
 import numpy as np
 
 from lunar_rover_sim.base.errors import RenderError
-from lunar_rover_sim.image.rendering.gl_owner import Releasable
+
+
+class Releasable(Protocol):
+    """A GL object, or an owner of some."""
+
+    def release(self) -> Any:
+        """Release them."""
+
+
+Owned = TypeVar('Owned', bound=Releasable)
+
+
+class GlOwner:
+    """A base class for what is made of several objects of one context."""
+
+    def __init__(self) -> None:
+        self._owned = contextlib.ExitStack()
+
+    @contextlib.contextmanager
+    def _making(self) -> Iterator[None]:
+        """Release what is owned so far if making the rest fails."""
+        try:
+            yield
+        except Exception:
+            self.release()
+            raise
+
+    def _own(self, item: Owned) -> Owned:
+        """Have an object released with this one."""
+        self._owned.callback(item.release)
+        return item
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        self._owned.close()
+
 
 log = logging.getLogger(__name__)
 

@@ -111,7 +111,7 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
     """Look up what is known of the ground at each pixel of a band.
 
     Args:
-        depth, x, y, vx, vy, vz: (n,) as `ground_place.place` fills them in.
+        depth, x, y, vx, vy, vz: (n,) as `ground_band.place` fills them in.
         levels: (levels, 4) of each grid: scale and offset from metres to places over a side, log2
             of texels per metre, half extent [m].
         ground: Texels of 4 float16 as uint64: slopes, clearance, occluder distance. Those of a mip

@@ -1,4 +1,8 @@
-"""A band of rows of an image of the ground: its light, its colour and its truth, loop by loop."""
+"""A band of rows of an image of the ground: its light, its colour and its truth, loop by loop.
+
+Pixels lie in chunks of 128: 64 columns of two rows, so that the neighbours of each one of a block
+of 2 x 2 are at hand. Loops over a chunk are compiled to vector instructions.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.base.compiled import vectorised
 from lunar_rover_sim.image.illumination.hapke import fill_reflectance
 from lunar_rover_sim.image.rendering.crater_map import CraterLists
 from lunar_rover_sim.image.rendering.grid_rows import light_of_grid
-from lunar_rover_sim.image.rendering.ground_place import place, spread
 from lunar_rover_sim.image.rendering.lamp_rows import add_lamp, lamp_on, LampLight
 from lunar_rover_sim.image.rendering.lighting import LightConstants
-from lunar_rover_sim.image.rendering.relief_factor import relief_factor
+from lunar_rover_sim.image.rendering.projection import ViewNumbers
+from lunar_rover_sim.image.rendering.relief_brightness import relief_factor
 from lunar_rover_sim.image.rendering.relief_map import ReliefShape
 from lunar_rover_sim.image.rendering.relief_rows import relief_of
 from lunar_rover_sim.image.rendering.rover_shadow import CastShadow
@@ -22,10 +27,8 @@ from lunar_rover_sim.image.rendering.row_math import CHUNK, COLUMNS
 from lunar_rover_sim.image.rendering.shade_rows import may_shade, radiance_of, rover_shadow, shade
 from lunar_rover_sim.image.rendering.surface import SurfaceTexels
 from lunar_rover_sim.image.rendering.tint_rows import tint_of
-from lunar_rover_sim.image.rendering.track_map import TrackArrays
-from lunar_rover_sim.image.rendering.track_rows import add_prints, prints_of
+from lunar_rover_sim.image.rendering.track_map import add_prints, prints_of, TrackArrays
 from lunar_rover_sim.image.rendering.truth_rows import light_of, shape_of
-from lunar_rover_sim.image.rendering.view import ViewNumbers
 
 F32 = NDArray[np.float32]
 
@@ -211,3 +214,80 @@ class Band:
         for values, out in told:
             if out is not None:
                 spread(self.rows, row, values, out, False)
+
+
+@vectorised
+def place(view, image, row, rows, depth, x, y, z, vx, vy, vz):  # type: ignore[no-untyped-def]
+    """Fill in depth and place of the pixels of a band.
+
+    Args:
+        view: As `ViewNumbers.numbers`.
+        image: (h, w) depth of the ground, 0 where there is none [m].
+        row, rows: First one of the band, and their number, which is even.
+        depth: (n,) [m]; 0 beyond the image, too.
+        x, y, z: (n,) place; x and y in the world, z over the camera [m].
+        vx, vy, vz: (n,) unit vector to the camera.
+    """
+    chunk, columns = CHUNK, COLUMNS
+    h, w = image.shape
+    one = np.float32(1.0)
+    blocks = (w + columns - 1) // columns
+    ax, ay, az = view[0], view[1], view[2]
+    bx, by, bz = view[3], view[4], view[5]
+    cx, cy, cz = view[6], view[7], view[8]
+    ex, ey = view[9], view[10]
+    steps = np.arange(columns).astype(np.float32)
+    for c in range(rows // 2 * blocks):
+        first = columns * (c % blocks)
+        inside = min(columns, w - first)
+        for k in range(2):
+            r = row + 2 * (c // blocks) + k
+            i = chunk * c + columns * k
+            own = depth[i:i + columns]
+            if r < h:
+                source = image[r, first:first + inside]
+                for j in range(inside):
+                    own[j] = source[j]
+                for j in range(inside, columns):
+                    own[j] = np.float32(0.0)
+            else:
+                own[:] = np.float32(0.0)
+            down = np.float32(r)
+            fx, fy, fz = ax + cx * down, ay + cy * down, az + cz * down
+            start = np.float32(first)
+            ox, oy, oz = x[i:i + columns], y[i:i + columns], z[i:i + columns]
+            for j in range(columns):
+                ox[j] = (fx + bx * (start + steps[j])) * own[j] + ex
+            for j in range(columns):
+                oy[j] = (fy + by * (start + steps[j])) * own[j] + ey
+            for j in range(columns):
+                oz[j] = (fz + bz * (start + steps[j])) * own[j]
+            ux, uy, uz = vx[i:i + columns], vy[i:i + columns], vz[i:i + columns]
+            for j in range(columns):
+                a, b, d = (fx + bx * (start + steps[j]), fy + by * (start + steps[j]),
+                           fz + bz * (start + steps[j]))
+                shrink = -one / np.sqrt(a * a + b * b + d * d)
+                ux[j] = a * shrink
+                uy[j] = b * shrink
+                uz[j] = d * shrink
+
+
+@vectorised
+def spread(rows, row, values, image, add):  # type: ignore[no-untyped-def]
+    """Write the (n,) values of a band into an (h, w) image, or add them to it."""
+    chunk, columns = CHUNK, COLUMNS
+    h, w = image.shape
+    blocks = (w + columns - 1) // columns
+    for c in range(rows // 2 * blocks):
+        first = columns * (c % blocks)
+        inside = min(columns, w - first)
+        for k in range(2):
+            r = row + 2 * (c // blocks) + k
+            if r < h:
+                source, out = values[chunk * c + columns * k:], image[r, first:first + inside]
+                if add:
+                    for j in range(inside):
+                        out[j] += source[j]
+                else:
+                    for j in range(inside):
+                        out[j] = source[j]

@@ -104,14 +104,14 @@ def lamp_on(depth, x, y, z, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-unt
     """Fill in the light of the lamp on each pixel of a band.
 
     Args:
-        depth to vz: (n,) as `ground_place.place` fills them in.
+        depth to vz: (n,) as `ground_band.place` fills them in.
         slope_x to kept: (n,) of the grid with tracks; as `shade_rows.shade` fills them in.
         lamp: Its position relative to the camera, with z over it, as x and y are in the world;
             its axis; peak intensity [W/sr], exponent of the cosine, angle of a pixel of the map.
         clip: (4, 4) from axes of the world around the lamp to its map, transposed.
         shadow: (m, m) depth of ground and rocks along the axis of the lamp, 0 where there is none,
             negative for rocks [m].
-        shape, relief, centre: As for `ground_rays.cast`; (0, 0) where relief has none.
+        shape, relief, centre: As for `ground.cast`; (0, 0) where relief has none.
         irradiance: (n,) normal, filled in [W/m2], as the cosines of incidence and phase.
     """
     for k in range(len(depth)):

@@ -13,14 +13,13 @@ from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.illumination.config import LampConfig
 from lunar_rover_sim.image.illumination.lamp import beam_exponent, peak_intensity
+from lunar_rover_sim.image.rendering.canvas import attachment, read_image
 from lunar_rover_sim.image.rendering.context import clear_window, release_all
-from lunar_rover_sim.image.rendering.frame_targets import attachment, read_image
 from lunar_rover_sim.image.rendering.ground import Ground
 from lunar_rover_sim.image.rendering.ground_picture import cover_depth
 from lunar_rover_sim.image.rendering.lamp_rows import LampLight
-from lunar_rover_sim.image.rendering.projection import Projection
+from lunar_rover_sim.image.rendering.projection import Projection, View
 from lunar_rover_sim.image.rendering.rock_pass import RockPass
-from lunar_rover_sim.image.rendering.view import View
 
 MAP = 2048              # pixels along a side of the shadow map
 _WIDEST_DEG = 55.0      # half angle of the map: what the cameras see lies within

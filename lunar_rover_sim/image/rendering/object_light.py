@@ -14,14 +14,13 @@ from lunar_rover_sim.image.lidar.ray_arrays import RockArrays
 from lunar_rover_sim.image.rendering.ground_band import GroundSource
 from lunar_rover_sim.image.rendering.labels import link_label
 from lunar_rover_sim.image.rendering.lamp_rows import add_lamp, lamp_on_objects
-from lunar_rover_sim.image.rendering.object_rows import (angles, count, find, mixed, rock_radiance,
-                                                         rock_surface, scatter)
+from lunar_rover_sim.image.rendering.object_rows import (angles, count, find, light_rover, mixed,
+                                                         rock_radiance, rock_surface, scatter)
+from lunar_rover_sim.image.rendering.projection import ViewNumbers
 from lunar_rover_sim.image.rendering.rover_pass import BodyLight
-from lunar_rover_sim.image.rendering.rover_rows import light_rover
 from lunar_rover_sim.image.rendering.shade_rows import may_shade, rover_shadow
 from lunar_rover_sim.image.rendering.tint_rows import tint_of_rocks, tint_of_rover
 from lunar_rover_sim.image.rendering.truth_rows import light_of
-from lunar_rover_sim.image.rendering.view import ViewNumbers
 
 F32 = NDArray[np.float32]
 

@@ -32,7 +32,7 @@ class ReliefShape(NamedTuple):
     """The map, and how compiled loops read it.
 
     Attributes:
-        shape: As for `ground_rays.cast`.
+        shape: As for `ground.cast`.
         numbers: `relief` there.
         reach_m: Distance up to which relief has shape.
     """

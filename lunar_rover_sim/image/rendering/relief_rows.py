@@ -236,11 +236,11 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
     """Look up slopes and horizons of the relief at each pixel of a band.
 
     Args:
-        depth, x, y, detail: (n,) as `ground_place.place` and `grid_rows.light_of_grid` fill them.
+        depth, x, y, detail: (n,) as `ground_band.place` and `grid_rows.light_of_grid` fill them.
         tile: (13,) 1 / periods of the tiles and 1 / side of the cells [1/m]; `place_in_site`.
         zone: Of the way to the middle of a cell, where the next one may be drawn.
         horizon: Centre and half range of tangents.
-        coarse, coarse_side, coarse_first: A tile as `mip_texels.MipTexels`: slope x, slope y,
+        coarse, coarse_side, coarse_first: A tile as `surface.MipTexels`: slope x, slope y,
             tangent of the horizon, salience.
         fine, fine_side, fine_first: The other tile, two levels finer.
         slope_ax, slope_ay, slope_bx, slope_by: (n,) filled in, of both tiles.

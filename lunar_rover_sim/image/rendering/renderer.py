@@ -29,14 +29,12 @@ from lunar_rover_sim.image.camera.sensor import SensorModel
 from lunar_rover_sim.image.illumination.config import SunConfig
 from lunar_rover_sim.image.rendering.camera_renderer import CameraRenderer
 from lunar_rover_sim.image.rendering.canvas import FRAMES_UNDER_WAY
-from lunar_rover_sim.image.rendering.checked_state import checked_state
 from lunar_rover_sim.image.rendering.config import RenderConfig
 from lunar_rover_sim.image.rendering.context import create_context
-from lunar_rover_sim.image.rendering.drawn_window import DrawnWindow
+from lunar_rover_sim.image.rendering.drawn_window import DrawnWindow, WorldLight
+from lunar_rover_sim.image.rendering.faces import check_size, padded_projection
 from lunar_rover_sim.image.rendering.frame import StereoFrame
-from lunar_rover_sim.image.rendering.pinhole_face import check_size, padded_projection
-from lunar_rover_sim.image.rendering.scene import Request
-from lunar_rover_sim.image.rendering.world_light import WorldLight
+from lunar_rover_sim.image.rendering.scene import checked_state, Request
 from lunar_rover_sim.image.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import moved, Posed, RoverPose

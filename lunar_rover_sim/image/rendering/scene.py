@@ -1,5 +1,4 @@
-"""A frame under way: what is asked of it, and what its lighting needs.
-"""
+"""A frame under way: what is asked of it, whether its state is valid, what its lighting needs."""
 
 from __future__ import annotations
 
@@ -26,7 +25,7 @@ from lunar_rover_sim.image.rendering.lamp_rows import LampLight
 from lunar_rover_sim.image.rendering.rover_pass import BodyLight
 from lunar_rover_sim.image.rendering.rover_shadow import CastShadow
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.rover.pose import leg_values, Posed, RoverPose
 
 LEFT, RIGHT = 0, 1
 _SHADED = ({'left', 'radiance'}, {'right'})     # layers that need light, by side
@@ -203,3 +202,34 @@ class Scene:
                          *(MovingBody(twists[link], 1 + link, float(near))
                            for link, near in zip(links, nearness))],
                         -R[2], float(centre[2] - feet_m))
+
+
+_FIELDS = {
+    'T_world_base': ((4, 4), 'a pose is a finite 4 x 4 matrix'),
+    'linear_velocity_mps': ((3,), 'a velocity is three finite numbers'),
+    'angular_velocity_radps': ((3,), 'an angular velocity is three finite numbers'),
+}
+
+
+def checked_state(state: Posed, legs: int) -> RoverPose:
+    """Return pose and motion of a state; raise RenderError if they are not valid.
+
+    Args:
+        legs: How many the rover has; a state that has no values of legs has them at rest at 0.
+    """
+    values = {}
+    fields = {**_FIELDS,
+              'joint_angle_rad': ((legs,), f'leg angles are {legs} finite numbers'),
+              'joint_velocity_radps': ((legs,), f'leg velocities are {legs} finite numbers')}
+    for name, (shape, rule) in fields.items():
+        try:
+            value = np.asarray(getattr(state, name), float)
+        except AttributeError:
+            raise RenderError(f'state: {type(state).__name__} is not valid; valid is a RoverState '
+                              'or a RoverPose') from None
+        if name.startswith('joint'):
+            value = leg_values(value, legs)
+        if value.shape != shape or not np.all(np.isfinite(value)):
+            raise RenderError(f'{name}: {rule}')
+        values[name] = value
+    return RoverPose(**values)

@@ -17,13 +17,11 @@ from lunar_rover_sim.image.camera.flow import FlowModel, Moved
 from lunar_rover_sim.image.camera.mosaic import TINT_ONE
 from lunar_rover_sim.image.camera.mount import CameraPoses
 from lunar_rover_sim.image.camera.outlines import smooth_outlines
-from lunar_rover_sim.image.rendering.canvas import Canvas, Drawing
+from lunar_rover_sim.image.rendering.canvas import (Canvas, DEPTH, Drawing, FACE, read_image,
+                                                    SURFACE)
 from lunar_rover_sim.image.rendering.config import RenderConfig
-from lunar_rover_sim.image.rendering.context import clear_window
-from lunar_rover_sim.image.rendering.earth_image import EarthImage
+from lunar_rover_sim.image.rendering.context import clear_window, GlOwner
 from lunar_rover_sim.image.rendering.frame import FLOWS
-from lunar_rover_sim.image.rendering.frame_targets import DEPTH, FACE, read_image, SURFACE
-from lunar_rover_sim.image.rendering.gl_owner import GlOwner
 from lunar_rover_sim.image.rendering.ground_picture import (cover, cover_depth, far_ground,
                                                             GroundPicture, Part, tell)
 from lunar_rover_sim.image.rendering.labels import link_label
@@ -31,7 +29,7 @@ from lunar_rover_sim.image.rendering.object_light import ObjectSource, Surfaces,
 from lunar_rover_sim.image.rendering.projection import Projection
 from lunar_rover_sim.image.rendering.rock_pass import GroundSeen, ROCK_MIN_PX
 from lunar_rover_sim.image.rendering.scene import LEFT, LOWEST_M, Request, Scene, SceneLight
-from lunar_rover_sim.image.rendering.sun_pass import Occluders, SunPass
+from lunar_rover_sim.image.rendering.sun_pass import EarthImage, Occluders, SunPass
 from lunar_rover_sim.image.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.pose import RoverPose
 

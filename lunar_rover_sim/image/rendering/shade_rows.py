@@ -42,8 +42,8 @@ def rover_shadow(depth, x, y, z, view, sun,  # type: ignore[no-untyped-def]
     """Fill in the share of the sun that the rover leaves.
 
     Args:
-        depth, x, y, z: (n,) as `ground_place.place` fills them in.
-        view: As `view.numbers`.
+        depth, x, y, z: (n,) as `ground_band.place` fills them in.
+        view: As `ViewNumbers.numbers`.
         sun: Unit vector to it; radius of its disc [rad].
         silhouette: (m, m, 2) as `RoverShadow.silhouette`.
         place: Axes of that map, over its half extent; position of the rover over the camera [m].

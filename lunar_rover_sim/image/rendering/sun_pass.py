@@ -4,11 +4,13 @@ A disc of half a degree is a few pixels wide. What hides it is drawn once more f
 through a narrow view of the disc alone in which a pixel of the image is many. So the disc is cut
 at the right place within a pixel, and it is known how much of the sun a camera sees that looks
 elsewhere, too. Mostly nothing is in that view, and nothing is drawn.
+
+The disc of the Earth is drawn into the sky, behind whatever stands in front of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 import dataclasses
 import math
 from typing import NamedTuple
@@ -21,16 +23,16 @@ from lunar_rover_sim.base.frames import Array, se3, sun_direction
 from lunar_rover_sim.base.workers import Workers
 from lunar_rover_sim.image.camera.development import LitImage
 from lunar_rover_sim.image.illumination.config import SunConfig
-from lunar_rover_sim.image.illumination.sun_disc import disc_radiance, limb_darkening
+from lunar_rover_sim.image.illumination.discs import (disc_radiance, earth_disc, EarthDisc,
+                                                      limb_darkening)
 from lunar_rover_sim.image.illumination.sunlight import Sunlight
 from lunar_rover_sim.image.rendering.config import RenderConfig
 from lunar_rover_sim.image.rendering.context import clear_window, release_all
 from lunar_rover_sim.image.rendering.ground import Ground
-from lunar_rover_sim.image.rendering.projection import Projection, ViewVolume
+from lunar_rover_sim.image.rendering.projection import Projection, View, view_numbers, ViewVolume
 from lunar_rover_sim.image.rendering.rock_pass import ROCK_MIN_PX, RockPass
 from lunar_rover_sim.image.rendering.rover_pass import RoverPass
 from lunar_rover_sim.image.rendering.scene import Scene, SeenSun
-from lunar_rover_sim.image.rendering.view import View, view_numbers
 
 _MARGIN = 1.05              # of the view of the disc, over its diameter
 _LEAST, _MOST = 64, 512     # pixels of that view along a side
@@ -201,3 +203,59 @@ def _turn(down: Array, direction: Array) -> Array:
     right = np.cross(down, direction)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(direction, right), direction], axis=1)
+
+
+_FINE_EARTH = 64      # samples across the disc, at least, that make its image
+
+
+class EarthImage:
+    """Draws the Earth into the radiance of the sky."""
+
+    def __init__(self, projection: Projection, config: RenderConfig) -> None:
+        """Prepare the disc; projection: of both cameras."""
+        self._projection = projection
+        self.relight(config)
+
+    def relight(self, config: RenderConfig) -> None:
+        """Move the Earth to the date of the sun."""
+        self._earth = earth_disc(config.sun) if config.earth.drawn else None
+        if self._earth is None:
+            return
+        K = self._projection.K
+        across = 2.0 * K[0, 0] * math.tan(self._earth.radius_rad)
+        corner = np.abs(K[:2, 2]).max() * math.sqrt(2.0) / K[0, 0]
+        # The image of a disc is longer towards the corners.
+        self._side = 2 * math.ceil(0.55 * across * (1.0 + corner**2)) + 2
+        self._finer = int(np.clip(math.ceil(_FINE_EARTH / across), 2, 16))
+
+    def draw(self, scene: Scene, images: Collection[LitImage]) -> None:
+        """Add the disc to the sky of lit images; both cameras see it in one place."""
+        if self._earth is None:
+            return
+        R = scene.T_world_cameras[0][:3, :3]
+        direction = R.T @ self._earth.direction
+        if direction[2] <= 0.0:
+            return
+        K, side = self._projection.K, self._side
+        limit = 1e6     # of pixels, so that directions near the plane of the lens stay whole
+        centre = np.clip((K @ direction)[:2] / direction[2], -limit, limit)
+        first = np.rint(centre).astype(int) - side // 2
+        size = np.array([self._projection.width, self._projection.height])
+        low, high = np.maximum(first, 0), np.minimum(first + side, size)
+        if np.any(low >= high):
+            return
+        patch = self._image(first, dataclasses.replace(
+            self._earth, direction=direction, sun_direction=R.T @ self._earth.sun_direction))
+        part = slice(low[1], high[1]), slice(low[0], high[0])
+        patch = patch[low[1] - first[1]:high[1] - first[1], low[0] - first[0]:high[0] - first[0]]
+        for image in images:
+            image.radiance[part] += np.where(image.depth_m[part] == 0.0, patch, 0.0)
+
+    def _image(self, first: Array, earth: EarthDisc) -> NDArray[np.float32]:
+        """Return (side, side) mean radiance of pixels; earth: in axes of the cameras."""
+        K, side, finer = self._projection.K, self._side, self._finer
+        fine = (np.arange(side * finer) + 0.5) / finer - 0.5
+        x, y = (fine + first[0] - K[0, 2]) / K[0, 0], (fine + first[1] - K[1, 2]) / K[1, 1]
+        rays = np.stack(np.broadcast_arrays(x[None], y[:, None], 1.0), axis=-1)
+        radiance = earth.radiance(rays).reshape(side, finer, side, finer).mean(axis=(1, 3))
+        return np.asarray(radiance, np.float32)

@@ -182,7 +182,7 @@ def tint_of_rover(numbers, parts, light, ground, lamp, words):  # type: ignore[n
     """Fill in red and blue over green of each pixel of the rover, as `sensor.Tint`.
 
     Args:
-        numbers, parts: As for `rover_rows.light_rover`, which fills in `light`.
+        numbers, parts: As for `object_rows.light_rover`, which fills in `light`.
         ground, lamp: As `soil` and `lamp` of `tint_of`.
     """
     for k in range(len(words)):

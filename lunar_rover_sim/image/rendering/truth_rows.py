@@ -26,10 +26,10 @@ def shape_of(depth, x, y, levels, ground, side, has_tracks,  # type: ignore[no-u
     """Fill in label, crater and normal of each pixel of a band.
 
     Args:
-        depth, x, y: (n,) as `ground_place.place` fills them in.
+        depth, x, y: (n,) as `ground_band.place` fills them in.
         levels, ground: As for `grid_rows.light_of_grid`; `side` of the finest mip level.
         print_x, print_y, pressed, loose: (n,) tracks on the finest level.
-        shape, relief, centre: As for `ground_rays.cast`; (0, 0) where relief has none.
+        shape, relief, centre: As for `ground.cast`; (0, 0) where relief has none.
         cells, entries: As `crater_map.CraterLists`; (0, 0, 0, 2) where craters are not asked for.
         label, crater, normal_x, normal_y, normal_z: (n,) filled in.
     """

@@ -14,9 +14,9 @@ from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.image.illumination.config import SunConfig
 from lunar_rover_sim.image.lidar.ray_arrays import RockHulls
 from lunar_rover_sim.image.rendering.config import RenderConfig
+from lunar_rover_sim.image.rendering.context import GlOwner
 from lunar_rover_sim.image.rendering.crater_map import CraterLists
-from lunar_rover_sim.image.rendering.drawn_window import DrawnWindow, under_earth
-from lunar_rover_sim.image.rendering.gl_owner import GlOwner
+from lunar_rover_sim.image.rendering.drawn_window import DrawnWindow, under_earth, WorldLight
 from lunar_rover_sim.image.rendering.ground import Ground
 from lunar_rover_sim.image.rendering.ground_band import GroundSource
 from lunar_rover_sim.image.rendering.ground_picture import GroundPicture
@@ -32,7 +32,6 @@ from lunar_rover_sim.image.rendering.scene import SceneLight
 from lunar_rover_sim.image.rendering.surface import Surface
 from lunar_rover_sim.image.rendering.track_map import TrackMap
 from lunar_rover_sim.image.rendering.track_texels import TrackSun
-from lunar_rover_sim.image.rendering.world_light import WorldLight
 from lunar_rover_sim.rover.description import RoverDescription
 
 

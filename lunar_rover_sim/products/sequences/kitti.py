@@ -21,7 +21,7 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import SequenceError
 from lunar_rover_sim.base.frames import Array, inverse
 from lunar_rover_sim.base.seconds import in_seconds
-from lunar_rover_sim.image.stereo.points import grey
+from lunar_rover_sim.image.stereo.depth import grey
 from lunar_rover_sim.products.sequences.sensor_samples import (cloud_rows, CLOUDS, KEPT_NS,
                                                                LATE_NS, RecentMessages)
 from lunar_rover_sim.products.sequences.sequence import numbers, PngWriter, PosedSequence

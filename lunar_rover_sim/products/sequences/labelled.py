@@ -19,7 +19,7 @@ from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import SequenceError
 from lunar_rover_sim.base.files.paths import counted
-from lunar_rover_sim.image.rendering.instances import CATEGORIES, Instance, instances, LEAST_PX
+from lunar_rover_sim.image.rendering.labels import CATEGORIES, Instance, instances, LEAST_PX
 from lunar_rover_sim.products.sequences.sensors import RecordedCamera, SensorSuite
 from lunar_rover_sim.products.sequences.sequence import PngWriter, Sequence
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.image.camera.config import CameraConfig, SensorConfig
-from lunar_rover_sim.image.camera.exposure import (AutoExposure, first_exposure_s,
-                                                   lamplit_radiance, sunlit_radiance)
+from lunar_rover_sim.image.camera.development import (AutoExposure, first_exposure_s,
+                                                      lamplit_radiance, sunlit_radiance)
 from lunar_rover_sim.image.camera.sensor import SensorModel
 from lunar_rover_sim.image.illumination.config import LampConfig, ReflectanceConfig, SunConfig
 from lunar_rover_sim.image.illumination.hapke import reflectance, SETS

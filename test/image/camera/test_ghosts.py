@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from traced_lens import TracedLens
 
-from lunar_rover_sim.image.camera.ghosts import GHOSTS
+from lunar_rover_sim.image.camera.stray_light import GHOSTS
 
 FOCAL_PX = 457.0
 LENS = TracedLens()

@@ -11,14 +11,12 @@ from textbook_hapke import phase_function as lobes
 from lunar_rover_sim.base.frames import sun_direction
 from lunar_rover_sim.ground.world.moon_place import MoonPlace
 from lunar_rover_sim.image.illumination.config import GIVEN, SunConfig, SunSiteConfig
-from lunar_rover_sim.image.illumination.earth_disc import (earth_disc, EarthDisc, lambert_phase,
-                                                           phase_function)
-from lunar_rover_sim.image.illumination.earthshine import earth_as_sun
-from lunar_rover_sim.image.illumination.ephemeris import sun_and_earth
+from lunar_rover_sim.image.illumination.discs import (central_radiance, disc_radiance,
+                                                      earth_as_sun, earth_disc, EarthDisc,
+                                                      lambert_phase, limb_darkening,
+                                                      phase_function)
 from lunar_rover_sim.image.illumination.hapke import hockey_stick, normal_albedo, reflectance, SETS
-from lunar_rover_sim.image.illumination.sky import sky
-from lunar_rover_sim.image.illumination.sun_disc import (central_radiance, disc_radiance,
-                                                         limb_darkening)
+from lunar_rover_sim.image.illumination.sky import sky, sun_and_earth
 
 NEAR_SIDE = SunSiteConfig(GIVEN, 10.0, 40.0)
 DATES = ['2026-11-22T06:00:00Z', '2026-11-12T12:00:00Z', '2026-12-02T00:00:00Z']

@@ -11,9 +11,8 @@ from lunar_rover_sim.ground.world.moon_place import MoonPlace
 from lunar_rover_sim.image.illumination import light_time
 from lunar_rover_sim.image.illumination.config import GIVEN, SunConfig, SunSiteConfig
 from lunar_rover_sim.image.illumination.dates import parse_date
-from lunar_rover_sim.image.illumination.ephemeris import sun_and_earth
 from lunar_rover_sim.image.illumination.light_time import sky_over_time, SkyOverTime
-from lunar_rover_sim.image.illumination.sky import lit_share, sky
+from lunar_rover_sim.image.illumination.sky import lit_share, sky, sun_and_earth
 from lunar_rover_sim.image.illumination.sun_of_date import check_last_date, sun_of_date, SunPath
 
 # NASA's Scientific Visualization Studio, Moon Phase and Libration 2020, 2021 and 2022 (svs 4768,

@@ -14,7 +14,7 @@ from lunar_rover_sim.image.illumination import rock_shadow
 from lunar_rover_sim.image.illumination.hapke import reflectance, SETS
 from lunar_rover_sim.image.illumination.horizon import (disc_fraction, shadow_levels, ShadowLevel,
                                                         SunGeometry)
-from lunar_rover_sim.image.illumination.indirect_light import indirect_light
+from lunar_rover_sim.image.illumination.sunlight import indirect_light
 from lunar_rover_sim.image.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 

@@ -7,8 +7,7 @@ import pytest
 from lunar_rover_sim.base.frames import sun_direction
 from lunar_rover_sim.image.illumination.config import ReflectanceConfig, SunConfig
 from lunar_rover_sim.image.illumination.hapke import hemispherical_albedo, SETS
-from lunar_rover_sim.image.illumination.indirect_light import indirect_light
-from lunar_rover_sim.image.illumination.sunlight import Sunlight
+from lunar_rover_sim.image.illumination.sunlight import indirect_light, Sunlight
 
 ALBEDO = hemispherical_albedo(SETS['highland'])
 

@@ -8,7 +8,7 @@ import pytest
 
 from lunar_rover_sim.image.camera.config import CameraConfig, LensConfig
 from lunar_rover_sim.image.illumination.config import EarthConfig, GIVEN, SunConfig, SunSiteConfig
-from lunar_rover_sim.image.illumination.earth_disc import earth_disc, phase_function
+from lunar_rover_sim.image.illumination.discs import earth_disc, phase_function
 from lunar_rover_sim.image.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.image.rendering.config import RenderConfig
 from lunar_rover_sim.image.rendering.renderer import Renderer

@@ -10,8 +10,7 @@ from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.image.camera.config import CameraConfig, LensConfig
 from lunar_rover_sim.image.illumination.config import (EarthConfig, GIVEN, LampConfig, LOWEST_DEG,
                                                        SunConfig, SunSiteConfig)
-from lunar_rover_sim.image.illumination.earth_disc import earth_disc
-from lunar_rover_sim.image.illumination.earthshine import earth_as_sun
+from lunar_rover_sim.image.illumination.discs import earth_as_sun, earth_disc
 from lunar_rover_sim.image.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.image.rendering.config import DetailConfig, RenderConfig
 from lunar_rover_sim.image.rendering.renderer import Renderer

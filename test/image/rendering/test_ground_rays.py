@@ -11,8 +11,7 @@ from lunar_rover_sim.base.workers import Workers
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.rendering.config import DetailConfig
 from lunar_rover_sim.image.rendering.ground import Ground, SeenTracks
-from lunar_rover_sim.image.rendering.projection import Projection
-from lunar_rover_sim.image.rendering.view import view_numbers
+from lunar_rover_sim.image.rendering.projection import Projection, view_numbers
 
 WIDTH, HEIGHT, FOCAL = 150, 110, 100.0      # two blocks of columns and a part of one
 K = np.array([[FOCAL, 0.0, 74.5], [0.0, FOCAL, 54.5], [0.0, 0.0, 1.0]])

@@ -11,11 +11,11 @@ from relief_place import bilinear, places
 from lunar_rover_sim.base.workers import ONE_THREAD
 from lunar_rover_sim.ground.world.fine_relief import disc_share
 from lunar_rover_sim.image.camera.development import LitImage
-from lunar_rover_sim.image.rendering import (grid_rows, relief_factor, relief_rows, tint_rows,
-                                             track_rows)
+from lunar_rover_sim.image.rendering import (grid_rows, relief_brightness, relief_rows, tint_rows,
+                                             track_map)
 from lunar_rover_sim.image.rendering.ground_band import GroundImage
 from lunar_rover_sim.image.rendering.ground_picture import cover, far_ground
-from lunar_rover_sim.image.rendering.mip_texels import mip_texels, packed_levels
+from lunar_rover_sim.image.rendering.surface import mip_texels, packed_levels
 
 N = 1280                # pixels
 PIXEL, RADIUS, FINE = 1.0 / 500.0, 0.00465, 9.0
@@ -179,9 +179,9 @@ def test_the_factor_between_nodes(pixels):
     detail, out = rng.uniform(0.0, 8.0, N).astype(F32), arrays(1)[0]
     tangent = 0.2
     sun = np.array([1.0, 0.0, tangent]) / np.hypot(1.0, tangent)
-    relief_factor.relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,
-                                np.array([*sun, 1.0, 0.0, tangent, tangent], F32),
-                                np.ascontiguousarray(codes).view(np.uint32)[..., 0], out)
+    relief_brightness.relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,
+                                    np.array([*sun, 1.0, 0.0, tangent, tangent], F32),
+                                    np.ascontiguousarray(codes).view(np.uint32)[..., 0], out)
     up = np.stack([-slope_x, -slope_y, np.ones(N)])
     up /= np.linalg.norm(up, axis=0)
     cosine, of_sun = np.clip((up * [vx, vy, vz]).sum(axis=0), 0.0, 1.0), sun @ up
@@ -212,8 +212,8 @@ def test_tracks_near_and_far(pixels):
     windows = np.array([1.0 / 6.4, 2.5, 1.0 / 40.0, 18.0, 0.5, -0.5], F32)
     level = rng.choice([-5.0, -3.0, -2.6], N).astype(F32)
     out = arrays(7)
-    track_rows.prints_of(depth, x, y, level, windows, np.array([0.1, -np.log2(0.1), 0.0], F32),
-                         touched, near, np.array([0, 64 * 64]), sides, far, True, *out)
+    track_map.prints_of(depth, x, y, level, windows, np.array([0.1, -np.log2(0.1), 0.0], F32),
+                        touched, near, np.array([0, 64 * 64]), sides, far, True, *out)
     xy = np.stack([x, y], axis=1).astype(float)
     tile = np.floor(xy / 2.0).astype(int) % 20
     some = touched[tile[:, 1], tile[:, 0]]

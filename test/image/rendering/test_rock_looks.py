@@ -18,7 +18,7 @@ from lunar_rover_sim.image.illumination import hapke
 from lunar_rover_sim.image.illumination.config import ReflectanceConfig
 from lunar_rover_sim.image.rendering.labels import LABEL_FIRST_ROCK
 from lunar_rover_sim.image.rendering.renderer import Renderer
-from lunar_rover_sim.image.rendering.rock_meshes import facets
+from lunar_rover_sim.image.rendering.rock_pass import facets
 from lunar_rover_sim.rover.pose import RoverPose
 
 SIDE = 0.8              # of the block before the cameras [m]; the other one looks 8 px wide

@@ -22,7 +22,7 @@ from lunar_rover_sim.ground.world.rocks import Rocks
 from lunar_rover_sim.image.camera.config import CameraConfig, SensorConfig
 from lunar_rover_sim.image.camera.development import Development
 from lunar_rover_sim.image.camera.rig import StereoRig
-from lunar_rover_sim.image.rendering import crater_map, frame_targets
+from lunar_rover_sim.image.rendering import canvas, crater_map
 from lunar_rover_sim.image.rendering.frame import FLOWS, RIGHT_TRUTH, StereoFrame
 from lunar_rover_sim.image.rendering.labels import (class_names, LABEL_FIRST_LEG, LABEL_FIRST_ROCK,
                                                     LABEL_GROUND, LABEL_ROVER, LABEL_SKY,
@@ -83,7 +83,7 @@ def view():
                       state.joint_angle_rad + np.radians([20.0, -15.0, 10.0, 25.0]))
     with Renderer(world, SEEN, config) as drawn:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(frame_targets.SurfaceTargets, 'face', property(refused))
+            patch.setattr(canvas.SurfaceTargets, 'face', property(refused))
             patch.setattr(WorldPasses, 'crater_lists', refused)
             assert drawn.render(state, 0, ('left', 'right', 'depth')).label is None
         with pytest.raises(RenderError, match="'optical_flow' is not valid without `other`"):

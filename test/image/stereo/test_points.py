@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lunar_rover_sim.image.stereo.points import grey, points_from_depth
+from lunar_rover_sim.image.stereo.depth import grey, points_from_depth
 
 K = np.array([[50.0, 0.0, 15.5], [0.0, 60.0, 11.5], [0.0, 0.0, 1.0]])
 

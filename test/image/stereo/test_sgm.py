@@ -9,8 +9,7 @@ from lunar_rover_sim.base.errors import ConfigError, StereoError
 from lunar_rover_sim.image.stereo.config import SgmConfig
 from lunar_rover_sim.image.stereo.depth import (depth_from_disparity, disparity_from_depth,
                                                 DisparityMap)
-from lunar_rover_sim.image.stereo.refinement import refined, unexplained
-from lunar_rover_sim.image.stereo.sgm import SgmMatcher
+from lunar_rover_sim.image.stereo.sgm import refined, SgmMatcher, unexplained
 from lunar_rover_sim.image.stereo.sky import sky
 from lunar_rover_sim.run.scenario import Scenario
 

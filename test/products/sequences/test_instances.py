@@ -11,8 +11,7 @@ import yaml
 
 from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.errors import SequenceError
-from lunar_rover_sim.image.rendering.instances import Instance
-from lunar_rover_sim.image.rendering.labels import LABEL_FIRST_ROCK
+from lunar_rover_sim.image.rendering.labels import Instance, LABEL_FIRST_ROCK
 from lunar_rover_sim.products.sequences.export import export
 from lunar_rover_sim.products.sequences.labelled import outline, run_lengths
 

@@ -1,4 +1,4 @@
-// One camera (view.py). Vectors are in world axes.
+// One camera (projection.py). Vectors are in world axes.
 layout(std140) uniform View {
     mat4 u_clip;                // from positions relative to the camera to clip space
     vec3 u_camera;              // world position [m]

@@ -14,7 +14,7 @@ from lunar_rover_sim.bag.series import picture
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.image.camera.encoding import eight_bits
-from lunar_rover_sim.image.stereo.points import grey
+from lunar_rover_sim.image.stereo.depth import grey
 from lunar_rover_sim.judge.slam.estimators import Estimate
 from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
 from lunar_rover_sim.judge.slam.graph.collected import AIDS, Collected
