@@ -12,16 +12,17 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.base.workers import Workers
 from lunar_rover_sim.image.camera.config import SensorConfig
+from lunar_rover_sim.image.camera.fisheye import FisheyeCamera
 from lunar_rover_sim.image.camera.image_geometry import ImageGeometry
 from lunar_rover_sim.image.camera.lens import Lens
 from lunar_rover_sim.image.camera.miscalibration import Miscalibration
 from lunar_rover_sim.image.camera.mosaic import interpolated
 from lunar_rover_sim.image.camera.motion_blur import MotionBlur, Movement
-from lunar_rover_sim.image.camera.sensor import DevelopedCamera, ImageSensor, SensorModel, Tint
+from lunar_rover_sim.image.camera.rig import PinholeCamera
+from lunar_rover_sim.image.camera.sensor import ImageSensor, SensorModel, Tint
 from lunar_rover_sim.image.camera.stray_light import ImagedSun, StrayLight
 from lunar_rover_sim.image.illumination.config import LampConfig, ReflectanceConfig, SunConfig
 from lunar_rover_sim.image.illumination.hapke import parameter_set, reflectance
-from lunar_rover_sim.image.illumination.lamp import peak_intensity
 
 F32 = NDArray[np.float32]
 
@@ -52,7 +53,7 @@ def lamplit_radiance(lamp: LampConfig, ground: ReflectanceConfig) -> float:
     """Return the radiance [W m-2 sr-1] of level ground 0.7 m in front of the lamp."""
     distance, height = 0.7, lamp.position_m[2] + 0.09
     cosine = height / math.hypot(distance, height)
-    irradiance = peak_intensity(lamp) / (distance**2 + height**2)
+    irradiance = lamp.peak_intensity / (distance**2 + height**2)
     return irradiance * float(reflectance(cosine, cosine, 0.998, parameter_set(ground.ground),
                                           albedo=ground.albedo_scale))
 
@@ -171,7 +172,7 @@ class Development:
         exposure_s: Exposure time of the last frame, or of the first one before it [s].
     """
 
-    def __init__(self, camera: DevelopedCamera, image: ImageGeometry, lens: Lens,
+    def __init__(self, camera: PinholeCamera | FisheyeCamera, image: ImageGeometry, lens: Lens,
                  config: SensorConfig, light: Light, seed: int,
                  wrong: Miscalibration = Miscalibration(), *, on_body: bool,
                  workers: Workers) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from lunar_rover_sim.base.frames import Array
@@ -13,75 +11,20 @@ from lunar_rover_sim.image.camera.motion import CameraTwist
 from lunar_rover_sim.image.camera.rig import cosine_fourth
 
 
-class ImageGeometry(Protocol):
-    """An image that is drawn, padding included.
-
-    Attributes:
-        width: Columns.
-        height: Rows.
-        K: (3, 3) focal lengths and principal point [px].
-        fisheye: k1 to k4 of `equidistant`, and the angle to the axis where the image ends [rad];
-            empty for a pinhole.
-    """
-
-    @property
-    def width(self) -> int:
-        """Its columns."""
-
-    @property
-    def height(self) -> int:
-        """Its rows."""
-
-    @property
-    def K(self) -> Array:
-        """(3, 3) intrinsics [px]."""
-
-    @property
-    def focal_px(self) -> float:
-        """Focal length [px]."""
-
-    @property
-    def fisheye(self) -> tuple[float, ...]:
-        """k1 to k4, and the angle where the image ends [rad]; empty for a pinhole."""
-
-    @property
-    def ray_table(self) -> Array:
-        """(height, width, 3) unit vectors, NaN beyond the image; empty for a pinhole."""
-
-    def falloff(self, places_px: Array) -> Array:
-        """Return the irradiance of (..., 2) pixels under even light, over that on the axis."""
-
-    def place(self, direction: Array) -> Array:
-        """Return the (2,) pixel that shows a (3,) unit vector, camera axes."""
-
-    def pupil(self, direction: Array) -> float:
-        """Return the area of the entrance pupil square to a direction, over that on the axis."""
-
-    def scatter(self, columns_px: Array, rows_px: Array,
-                direction: Array) -> tuple[Array, Array]:
-        """Return what light from a direction scatters to pixels depends on.
-
-        Columns and rows broadcast. Returns the distances that the law of scatter counts, and the
-        scattered radiance for a scatter of one per steradian.
-        """
-
-    def rays(self, places_px: Array) -> Array:
-        """Return (n, 3) vectors to what (n, 2) pixels show."""
-
-    def nearness(self, points_m: Array) -> Array:
-        """Return the inverse lengths, in rays, of (n, 3) points, camera axes [1/m]."""
-
-    def image_speed(self, twist: CameraTwist, rays: Array, nearness: Array) -> Array:
-        """Return the (n,) speeds of points in the image [px/s], or somewhat more."""
-
-
 def lengths(x: Array, y: Array) -> Array:
     """Return the lengths of vectors whose components broadcast, sooner than `numpy.hypot`."""
     return np.asarray(np.sqrt(x * x + y * y))
 
 
 class PinholeImage:
-    """The image of a pinhole camera; its rays have depth 1."""
+    """The image that is drawn of a pinhole camera, padding included; its rays have depth 1.
+
+    Attributes:
+        K: (3, 3) focal lengths and principal point [px].
+        fisheye: k1 to k4 of `equidistant`, and the angle to the axis where the image ends [rad];
+            empty for a pinhole.
+        ray_table: (height, width, 3) unit vectors, NaN beyond the image; empty for a pinhole.
+    """
 
     fisheye: tuple[float, ...] = ()
     ray_table = np.empty((0, 0, 3))
@@ -104,7 +47,11 @@ class PinholeImage:
 
     def scatter(self, columns_px: Array, rows_px: Array,
                 direction: Array) -> tuple[Array, Array]:
-        """Return distances in direction cosines; the same scatter has the same radiance."""
+        """Return what light from a direction scatters to pixels depends on.
+
+        Columns and rows broadcast. Returns the distances that the law of scatter counts, in
+        direction cosines, and the scattered radiance for a scatter of one per steradian.
+        """
         x = (columns_px - self.K[0, 2]) / self.focal_px
         y = (rows_px - self.K[1, 2]) / self.focal_px
         cosine = 1.0 / np.sqrt(1.0 + x * x + y * y)
@@ -125,7 +72,7 @@ class PinholeImage:
 
 
 class FisheyeImage:
-    """The image of a fisheye; its rays have length 1."""
+    """The image of a fisheye, with what `PinholeImage` has; its rays have length 1."""
 
     def __init__(self, camera: FisheyeCamera) -> None:
         self._camera = camera
@@ -186,3 +133,6 @@ class FisheyeImage:
                              / np.maximum(np.sin(theta), 1e-9))
         density = np.where(theta > 1e-6, density, 1.0)
         return np.linalg.norm(speed, axis=1) * density * self.focal_px
+
+
+ImageGeometry = PinholeImage | FisheyeImage

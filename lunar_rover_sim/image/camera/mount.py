@@ -14,31 +14,32 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import moved, moved_pose, Posed
 
 
-class CameraPoses(Protocol):
-    """Where a pair of cameras is; a single camera counts as two in one place."""
+class Mount:
+    """What carries a pair of cameras, and how it moves; one camera counts as two in one place.
 
-    def poses(self, state: Posed) -> list[Array]:
-        """Return the (4, 4) poses T_world_camera of both optical frames."""
+    Attributes:
+        on_body: Whether the rover's body stands still in the images.
+    """
 
+    on_body = False
 
-class Mount(CameraPoses, Protocol):
-    """What carries a pair of cameras, and how it moves."""
-
-    @property
-    def on_body(self) -> bool:
-        """Whether the rover's body stands still in the images."""
-
-    def follow(self, state: Posed, stamp_ns: int) -> None:
-        """Move with the rover; stamp_ns: simulated time [ns]."""
+    def follow(self, state: Posed, stamp_ns: int = 0) -> None:
+        """Move with the rover, unless it stands; stamp_ns: simulated time [ns]."""
 
     def enter(self, world: World) -> None:
         """Be in another window of the site from now on."""
 
+    def poses(self, state: Posed) -> list[Array]:
+        """Return the (4, 4) poses T_world_camera of both optical frames."""
+        raise NotImplementedError
+
     def ground_twist(self, state: Posed, side: int) -> CameraTwist:
         """Return the motion of a camera (0 left, 1 right) relative to the world."""
+        raise NotImplementedError
 
     def link_twists(self, state: Posed, side: int, rover: RoverDescription) -> list[CameraTwist]:
         """Return its motion relative to the links of the rover, the body first."""
+        raise NotImplementedError
 
 
 class MountedPair(Protocol):
@@ -53,19 +54,13 @@ class MountedPair(Protocol):
         """(4, 4) optical frame in base_link."""
 
 
-class BodyMount:
+class BodyMount(Mount):
     """Cameras that are fixed to base_link."""
 
     on_body = True
 
     def __init__(self, rig: MountedPair) -> None:
         self._T_base_cameras = (rig.T_base_left, rig.T_base_right)
-
-    def follow(self, state: Posed, stamp_ns: int = 0) -> None:
-        """Do nothing: its cameras are fixed."""
-
-    def enter(self, world: World) -> None:
-        """Do nothing: its cameras know no ground."""
 
     def poses(self, state: Posed) -> list[Array]:
         """Return the (4, 4) poses T_world_camera of both optical frames."""
@@ -81,14 +76,12 @@ class BodyMount:
         return [still, *leg_twists(state, self._T_base_cameras[side], rover)]
 
 
-class MovingMount:
+class MovingMount(Mount):
     """A camera beside the rover, as `place` says; at first at the origin of the world.
 
     Attributes:
         T_world_camera: (4, 4) pose of its optical frame.
     """
-
-    on_body = False
 
     def __init__(self) -> None:
         self.T_world_camera: Array = np.eye(4)
@@ -100,12 +93,6 @@ class MovingMount:
         self.T_world_camera = T_world_camera
         self._velocity_mps = np.zeros(3) if velocity_mps is None else velocity_mps
         self._rate_radps = np.zeros(3) if rate_radps is None else rate_radps
-
-    def follow(self, state: Posed, stamp_ns: int = 0) -> None:
-        """Do nothing: it is where `place` has put it."""
-
-    def enter(self, world: World) -> None:
-        """Do nothing: it knows no ground."""
 
     def poses(self, state: Posed) -> list[Array]:
         """Return the (4, 4) pose T_world_camera, twice."""
@@ -122,13 +109,11 @@ class MovingMount:
                             rover)
 
 
-class MountElsewhere:
+class MountElsewhere(Mount):
     """A mount that moves in another frame than the one that is drawn in, which has its axes.
 
     States that it is given, and poses that it returns, are those of the frame that is drawn in.
     """
-
-    on_body = False
 
     def __init__(self, mount: Mount, offset_m: Callable[[], Array]) -> None:
         """offset_m: returns the (3,) place of the frame that is drawn in, at present."""
@@ -161,7 +146,7 @@ class MountElsewhere:
 class TurnedMount:
     """Cameras in the same places as those on another mount that look elsewhere."""
 
-    def __init__(self, mount: CameraPoses, R_camera_turned: Array) -> None:
+    def __init__(self, mount: Mount, R_camera_turned: Array) -> None:
         """R_camera_turned: (3, 3) axes of these cameras in those of the others."""
         self._mount, self._turn = mount, se3(R_camera_turned, np.zeros(3))
 

@@ -12,7 +12,7 @@ import dataclasses
 import functools
 import math
 import statistics
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,10 @@ from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.workers import ONE_THREAD, Workers
 from lunar_rover_sim.image.camera.config import CameraConfig, LensConfig, SensorConfig
 from lunar_rover_sim.image.camera.encoding import has_16_bits, has_colour
+from lunar_rover_sim.image.camera.fisheye import FisheyeCamera
 from lunar_rover_sim.image.camera.miscalibration import Miscalibration
 from lunar_rover_sim.image.camera.mosaic import filtered
+from lunar_rover_sim.image.camera.rig import PinholeCamera
 from lunar_rover_sim.image.illumination.colours import Bands
 
 F32 = NDArray[np.float32]
@@ -142,20 +144,10 @@ class Tint(NamedTuple):
     own: F32
 
 
-class DevelopedCamera(Protocol):
-    """A camera as its sensor knows it: a `PinholeCamera` or a `FisheyeCamera`."""
-
-    width: int
-    height: int
-
-    def falloff(self, places_px: Array) -> Array:
-        """Return the irradiance of (..., 2) pixels under even light, over that on the axis."""
-
-
 class ImageSensor:
     """Turns radiance images into the pixels that the sensors of a pair put out."""
 
-    def __init__(self, camera: DevelopedCamera, model: SensorModel, seed: int,
+    def __init__(self, camera: PinholeCamera | FisheyeCamera, model: SensorModel, seed: int,
                  padding: tuple[int, int] = (0, 0),
                  wrong: Miscalibration = Miscalibration(), workers: Workers = ONE_THREAD) -> None:
         """Draw the fixed patterns.
@@ -230,7 +222,8 @@ class ImageSensor:
         return result
 
 
-def _patterns(camera: DevelopedCamera, c: SensorConfig, seed: int) -> tuple[F32, F32]:
+def _patterns(camera: PinholeCamera | FisheyeCamera, c: SensorConfig,
+              seed: int) -> tuple[F32, F32]:
     """Return vignetting times gain of each pixel, and its offset [e-]; both (2, h, w)."""
     v, u = np.indices((camera.height, camera.width))
     falloff = camera.falloff(np.stack([u, v], axis=-1))

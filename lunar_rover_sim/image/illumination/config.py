@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.parameters import group, param, Parameters
@@ -113,3 +114,16 @@ class LampConfig(Parameters):
     cone_deg: float = param(60.0, 'full angle at half intensity', unit='deg', low=1.0, high=150.0)
     temperature_k: float = param(5000.0, 'colour of its light: that of a black body', unit='K',
                                  low=1000.0, high=20000.0)
+
+    @property
+    def beam_exponent(self) -> float:
+        """Exponent m of the beam, whose intensity falls as cos^m of the angle to its axis.
+
+        The intensity is halved at half of the cone angle.
+        """
+        return math.log(0.5) / math.log(math.cos(0.5 * math.radians(self.cone_deg)))
+
+    @property
+    def peak_intensity(self) -> float:
+        """Radiant intensity on the axis [W/sr]; the whole beam has the configured flux."""
+        return self.power_w * (self.beam_exponent + 1.0) / (2.0 * math.pi)

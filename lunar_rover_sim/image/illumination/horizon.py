@@ -153,12 +153,6 @@ def _split(above_m: F32, tangent: F32, cosine: np.float32,
     return clearance, occluder
 
 
-def disc_fraction(angle_rad: ArrayLike, radius_rad: float) -> NDArray[np.float64]:
-    """Return the visible share of a disc whose centre is `angle_rad` above a straight edge."""
-    x = np.clip(np.asarray(angle_rad, dtype=float) / radius_rad, -1.0, 1.0)
-    return 0.5 + (x * np.sqrt(1.0 - x * x) + np.arcsin(x)) / np.pi
-
-
 def shadow_levels(levels: Sequence[HeightGrid], sun: SunGeometry,
                   origin_m: tuple[float, float] = (0.0, 0.0)) -> list[ShadowLevel]:
     """Return the shadow boundaries of nested grids (finest first), outer relief included.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -78,19 +78,8 @@ def padded_projection(camera: PinholeCamera, config: RenderConfig) -> Projection
                       config.camera.near_m, config.camera.far_m)
 
 
-class Sized(Protocol):
-    """What has the size of an image [px]."""
-
-    @property
-    def width(self) -> int:
-        """Its columns."""
-
-    @property
-    def height(self) -> int:
-        """Its rows."""
-
-
-def check_size(context: moderngl.Context, image: Sized, samples: int = 1) -> None:
+def check_size(context: moderngl.Context, image: Projection | PinholeImage | FisheyeImage,
+               samples: int = 1) -> None:
     """Raise RenderError if the device cannot draw a pair of images of this size.
 
     Args:

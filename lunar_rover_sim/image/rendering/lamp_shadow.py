@@ -12,7 +12,6 @@ from lunar_rover_sim.base.workers import Workers
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.illumination.config import LampConfig
-from lunar_rover_sim.image.illumination.lamp import beam_exponent, peak_intensity
 from lunar_rover_sim.image.rendering.canvas import attachment, read_image
 from lunar_rover_sim.image.rendering.context import clear_window, release_all
 from lunar_rover_sim.image.rendering.ground import Ground
@@ -40,8 +39,8 @@ class LampShadow:
         self._context = context
         tilt = matrix_from_wxyz(wxyz_from_rpy(0.0, math.radians(config.pitch_deg), 0.0))
         self._T_base_lamp = se3(tilt @ R_BODY_OPTICAL, config.position_m)
-        self._exponent = beam_exponent(config)
-        self._intensity = peak_intensity(config)
+        self._exponent = config.beam_exponent
+        self._intensity = config.peak_intensity
         # The map covers the beam down to a hundredth of its peak.
         half = min(math.acos(0.01**(1.0 / self._exponent)), math.radians(_WIDEST_DEG))
         focal = 0.5 * MAP / math.tan(half)

@@ -59,8 +59,8 @@ class ReliefBrightness:
         scales: (4, 4) coefficients of cubics in the level, constants first, of: tangent of the
             roughness left to the law, half width of the edge of shadows of the coarse and of the
             fine tile (as tangents), gain of lit shares.
-        factor: (LEVELS, COSINES, AZIMUTHS, 4) factor on sunlight; nodes are `azimuth_nodes`,
-            `cosine_nodes` and the tangent of the sun over the local plane, `tangent` times
+        factor: (LEVELS, COSINES, AZIMUTHS, 4) factor on sunlight; nodes are those of `_views`
+            and the tangent of the sun over the local plane, `tangent` times
             HEIGHTS. Its inverse is interpolated: it falls to 0 where the sun sets behind relief.
         tangent: That of the sun over level ground.
     """
@@ -68,16 +68,6 @@ class ReliefBrightness:
     scales: NDArray[np.float32]
     factor: NDArray[np.float32]
     tangent: float
-
-
-def azimuth_nodes() -> Array:
-    """Return the angles between the azimuths of sun and view: equal steps of sin(angle / 2)."""
-    return 2.0 * np.arcsin(np.linspace(0.0, 1.0, AZIMUTHS))
-
-
-def cosine_nodes() -> Array:
-    """Return the cosines of emission: equal steps of their roots, the last one 1."""
-    return np.maximum(np.linspace(0.0, 1.0, COSINES)**2, 0.004)
 
 
 def relief_brightness(tiles: ReliefTiles, reflectance: ReflectanceConfig, elevation_rad: float,
@@ -256,7 +246,9 @@ def _factor(facets: _Facets, tangent: float, gain: float) -> Array:
     slope, share = facets.grouped(tangent, gain)
     if not len(slope):
         return np.ones((COSINES, AZIMUTHS))
-    cosine, azimuth = np.meshgrid(cosine_nodes(), azimuth_nodes(), indexing='ij')
+    # Equal steps of the root of the cosine, and of the sine of half the azimuth.
+    cosine, azimuth = np.meshgrid(np.maximum(np.linspace(0.0, 1.0, COSINES)**2, 0.004),
+                                  2.0 * np.arcsin(np.linspace(0.0, 1.0, AZIMUTHS)), indexing='ij')
     sine = np.sqrt(1.0 - cosine**2)
     view = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
     sun = np.array([1.0, 0.0, tangent]) / math.hypot(1.0, tangent)

@@ -15,7 +15,7 @@ from lunar_rover_sim.image.camera.development import LitImage
 from lunar_rover_sim.image.camera.encoding import has_colour
 from lunar_rover_sim.image.camera.flow import FlowModel, Moved
 from lunar_rover_sim.image.camera.mosaic import TINT_ONE
-from lunar_rover_sim.image.camera.mount import CameraPoses
+from lunar_rover_sim.image.camera.mount import TurnedMount
 from lunar_rover_sim.image.camera.outlines import smooth_outlines
 from lunar_rover_sim.image.rendering.canvas import (Canvas, DEPTH, Drawing, FACE, read_image,
                                                     SURFACE)
@@ -29,7 +29,7 @@ from lunar_rover_sim.image.rendering.object_light import ObjectSource, Surfaces,
 from lunar_rover_sim.image.rendering.projection import Projection
 from lunar_rover_sim.image.rendering.rock_pass import GroundSeen, ROCK_MIN_PX
 from lunar_rover_sim.image.rendering.scene import LEFT, LOWEST_M, Request, Scene, SceneLight
-from lunar_rover_sim.image.rendering.sun_pass import EarthImage, Occluders, SunPass
+from lunar_rover_sim.image.rendering.sun_pass import EarthImage, SunPass
 from lunar_rover_sim.image.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.pose import RoverPose
 
@@ -62,7 +62,7 @@ class ScenePasses(GlOwner):
     are drawn at the centres of pixels.
     """
 
-    def __init__(self, context: moderngl.Context, shared: WorldPasses, mount: CameraPoses,
+    def __init__(self, context: moderngl.Context, shared: WorldPasses, mount: TurnedMount,
                  config: RenderConfig, projection: Projection, *, sees_rover: bool,
                  strays: Callable[[Array], bool], samples: int = 1) -> None:
         """Make targets and passes of these cameras.
@@ -118,8 +118,7 @@ class ScenePasses(GlOwner):
             if shared.lamp is not None:
                 scene.lamp = shared.lamp.draw(T_world_base, shared.world, shared.ground,
                                               shared.rocks, shared.workers)
-            self._sun.look(scene, volume, Occluders(shared.ground, shared.rocks, shared.body,
-                                                    shared.sunlight, shared.workers))
+            self._sun.look(scene, volume, shared)
         for drawing in scene.drawings:
             for side in drawing.sides:
                 drawing.targets.views[side].place(cameras[side], drawing.projection,

@@ -13,41 +13,26 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 import dataclasses
 import math
-from typing import NamedTuple
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.base.frames import Array, se3, sun_direction
-from lunar_rover_sim.base.workers import Workers
 from lunar_rover_sim.image.camera.development import LitImage
 from lunar_rover_sim.image.illumination.config import SunConfig
-from lunar_rover_sim.image.illumination.discs import (disc_radiance, earth_disc, EarthDisc,
-                                                      limb_darkening)
-from lunar_rover_sim.image.illumination.sunlight import Sunlight
+from lunar_rover_sim.image.illumination.discs import disc_radiance, earth_disc, limb_darkening
 from lunar_rover_sim.image.rendering.config import RenderConfig
 from lunar_rover_sim.image.rendering.context import clear_window, release_all
-from lunar_rover_sim.image.rendering.ground import Ground
 from lunar_rover_sim.image.rendering.projection import Projection, View, view_numbers, ViewVolume
-from lunar_rover_sim.image.rendering.rock_pass import ROCK_MIN_PX, RockPass
-from lunar_rover_sim.image.rendering.rover_pass import RoverPass
+from lunar_rover_sim.image.rendering.rock_pass import ROCK_MIN_PX
 from lunar_rover_sim.image.rendering.scene import Scene, SeenSun
+from lunar_rover_sim.image.rendering.world_passes import WorldPasses
 
 _MARGIN = 1.05              # of the view of the disc, over its diameter
 _LEAST, _MOST = 64, 512     # pixels of that view along a side
 _CLEAR = 3.0                # radii of the sun above the ground's horizon that surely clear it
-_FINE = 16                  # samples across the disc, at least, that make its image
-
-
-class Occluders(NamedTuple):
-    """What may hide the sun, and the sunlight, which knows the horizon of the ground."""
-
-    ground: Ground
-    rocks: RockPass
-    rover: RoverPass
-    sunlight: Sunlight
-    workers: Workers
+_FINE, _FINE_EARTH = 16, 64     # samples across a disc, at least, that make its image
 
 
 class SunPass:
@@ -71,10 +56,7 @@ class SunPass:
         self._narrow = Projection(K, n, n, projection.near_m, projection.far_m)
         place = (np.arange(n) - 0.5 * (n - 1)) / (focal * math.tan(radius))
         self._weights = limb_darkening(np.hypot(place[:, None], place[None]))
-        # The image of a disc is longer towards the corners, by 1 / cos^2 of the angle.
-        corner = np.abs(projection.K[:2, 2]).max() * math.sqrt(2.0) / projection.focal_px
-        self._side = 2 * math.ceil(0.55 * across * (1.0 + corner**2)) + 4
-        self._finer = int(np.clip(math.ceil(_FINE / across), 2, 16))
+        self._square = _Square(projection, radius, _FINE)
         self._views = [View(context) for _ in range(2)]
         self._depth = context.depth_renderbuffer((n, 2 * n))
         self._hidden = context.framebuffer(depth_attachment=self._depth)
@@ -85,7 +67,7 @@ class SunPass:
         self._sun = sun
         self._direction = sun_direction(sun.azimuth_deg, sun.elevation_deg)
 
-    def look(self, scene: Scene, volume: ViewVolume, occluders: Occluders) -> None:
+    def look(self, scene: Scene, volume: ViewVolume, shared: WorldPasses) -> None:
         """Draw what hides the sun from the cameras of a scene, unless they cannot see it at all.
 
         It changes the choice of rocks. volume: of the images
@@ -98,29 +80,29 @@ class SunPass:
         views = [se3(turn, T[:3, 3]) for T in scene.T_world_cameras]
         # Bounds mostly show that nothing is in the way.
         width = _MARGIN * math.tan(self._radius)
-        rover = any(occluders.rover.is_in_cone(scene.T_world_links, view, width)
+        rover = any(shared.body.is_in_cone(scene.T_world_links, view, width)
                     for view in views)
-        rocks = any(occluders.rocks.any_in_cone(view, width) for view in views)
-        ground = np.any(occluders.sunlight.angle_above_horizon(
+        rocks = any(shared.rocks.any_in_cone(view, width) for view in views)
+        ground = np.any(shared.sunlight.angle_above_horizon(
             np.stack([view[:3, 3] for view in views])) < _CLEAR * self._radius)
         if not (rover or rocks or ground):
             return
         scene.sun.T_world_views = views
         narrow = dataclasses.replace(volume, planes=self._narrow.planes(views))
         if ground:
-            scene.sun.over_ground = np.stack([occluders.ground.depth(
+            scene.sun.over_ground = np.stack([shared.ground.depth(
                 view_numbers(view, self._narrow, volume.centre_m), self._narrow,
-                occluders.ground.tracks_in(narrow), occluders.workers) == 0.0 for view in views])
-        occluders.rocks.choose(narrow, self._projection.focal_px, ROCK_MIN_PX)
+                shared.ground.tracks_in(narrow), shared.workers) == 0.0 for view in views])
+        shared.rocks.choose(narrow, self._projection.focal_px, ROCK_MIN_PX)
         n = self._n
         for side in scene.request.lit_sides:
             window = (0, side * n, n, n)
             self._views[side].place(views[side], self._narrow, volume.centre_m)
             self._views[side].bind()
             clear_window(self._hidden, window)
-            occluders.rocks.draw()
+            shared.rocks.draw()
             if rover:
-                occluders.rover.draw(scene.T_world_links)
+                shared.body.draw(scene.T_world_links)
 
     def read(self, scene: Scene) -> None:
         """Note how much of the disc each camera of a scene sees."""
@@ -133,33 +115,19 @@ class SunPass:
         """Add the disc to the radiance of lit images, by side."""
         if scene.sun is None or scene.sun.direction[2] <= 0.0:
             return
-        inside = self._window(scene.sun.direction)
-        if inside is None:
+        found = self._square.place(scene.sun.direction)
+        if found is None:
             return
-        first, (low, high) = self._first(scene.sun.direction), inside
+        first, part, own = found
         patches = self._image(scene, first)
         for side, image in images.items():
-            image.radiance[low[1]:high[1], low[0]:high[0]] += patches[side][
-                low[1] - first[1]:high[1] - first[1], low[0] - first[0]:high[0] - first[0]]
+            image.radiance[part] += patches[side][own]
 
     def _matters(self, direction: Array) -> bool:
         """Return whether light from a direction, in axes of the cameras, reaches their lenses."""
         if direction[2] <= 0.0:
             return False
-        return self._strays(direction) or self._window(direction) is not None
-
-    def _window(self, direction: Array) -> tuple[Array, Array] | None:
-        """Return first pixel and end of what is inside the image of a square around the disc."""
-        first = self._first(direction)
-        size = np.array([self._projection.width, self._projection.height])
-        low, high = np.maximum(first, 0), np.minimum(first + self._side, size)
-        return (low, high) if np.all(low < high) else None
-
-    def _first(self, direction: Array) -> NDArray[np.int64]:
-        """Return column and row of the first pixel of the square around the disc."""
-        centre = (self._projection.K @ direction)[:2] / direction[2]
-        limit = 1e6     # of pixels, so that directions near the plane of the lens stay whole
-        return np.rint(np.clip(centre, -limit, limit)).astype(int) - self._side // 2
+        return self._strays(direction) or self._square.place(direction) is not None
 
     def _sky(self) -> NDArray[np.bool_]:
         """Return (2, n, n) where the narrow views see the sky."""
@@ -171,14 +139,10 @@ class SunPass:
     def _image(self, scene: Scene, first: NDArray[np.int64]) -> Array:
         """Return the (2, side, side) mean radiance of pixels, of both cameras."""
         assert scene.sun is not None
-        side, finer, K = self._side, self._finer, self._projection.K
-        fine = (np.arange(side * finer) + 0.5) / finer - 0.5
-        x = (first[0] + fine - K[0, 2]) / K[0, 0]
-        y = (first[1] + fine - K[1, 2]) / K[1, 1]
-        rays = np.stack(np.broadcast_arrays(x[None], y[:, None], 1.0), axis=-1)
+        rays, K = self._square.rays(first), self._projection.K
         radiance = disc_radiance(rays, scene.sun.direction, self._sun)
         # Whatever the sampling, the whole disc has the irradiance of the sun.
-        solid_angle = (rays**2).sum(axis=-1)**-1.5 / (K[0, 0] * K[1, 1] * finer**2)
+        solid_angle = (rays**2).sum(axis=-1)**-1.5 / (K[0, 0] * K[1, 1] * self._square.finer**2)
         radiance *= self._sun.irradiance / (radiance * solid_angle).sum()
         images = np.stack([radiance, radiance])
         sky = scene.sun.sky
@@ -190,8 +154,7 @@ class SunPass:
                 at = q[:, :2] / q[:, 2:] * self._narrow.focal_px + self._narrow.K[:2, 2]
                 column, row = np.clip(np.rint(at), 0, self._n - 1).astype(int).T
                 images[k][lit] *= sky[k, row, column]
-        return np.asarray(images.reshape(2, side, finer, side, finer).mean(axis=(2, 4)),
-                          np.float32)
+        return self._square.mean(images)
 
     def release(self) -> None:
         """Release the GL objects."""
@@ -203,9 +166,6 @@ def _turn(down: Array, direction: Array) -> Array:
     right = np.cross(down, direction)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(direction, right), direction], axis=1)
-
-
-_FINE_EARTH = 64      # samples across the disc, at least, that make its image
 
 
 class EarthImage:
@@ -221,12 +181,7 @@ class EarthImage:
         self._earth = earth_disc(config.sun) if config.earth.drawn else None
         if self._earth is None:
             return
-        K = self._projection.K
-        across = 2.0 * K[0, 0] * math.tan(self._earth.radius_rad)
-        corner = np.abs(K[:2, 2]).max() * math.sqrt(2.0) / K[0, 0]
-        # The image of a disc is longer towards the corners.
-        self._side = 2 * math.ceil(0.55 * across * (1.0 + corner**2)) + 2
-        self._finer = int(np.clip(math.ceil(_FINE_EARTH / across), 2, 16))
+        self._square = _Square(self._projection, self._earth.radius_rad, _FINE_EARTH)
 
     def draw(self, scene: Scene, images: Collection[LitImage]) -> None:
         """Add the disc to the sky of lit images; both cameras see it in one place."""
@@ -236,26 +191,60 @@ class EarthImage:
         direction = R.T @ self._earth.direction
         if direction[2] <= 0.0:
             return
-        K, side = self._projection.K, self._side
-        limit = 1e6     # of pixels, so that directions near the plane of the lens stay whole
-        centre = np.clip((K @ direction)[:2] / direction[2], -limit, limit)
-        first = np.rint(centre).astype(int) - side // 2
-        size = np.array([self._projection.width, self._projection.height])
-        low, high = np.maximum(first, 0), np.minimum(first + side, size)
-        if np.any(low >= high):
+        found = self._square.place(direction)
+        if found is None:
             return
-        patch = self._image(first, dataclasses.replace(
-            self._earth, direction=direction, sun_direction=R.T @ self._earth.sun_direction))
-        part = slice(low[1], high[1]), slice(low[0], high[0])
-        patch = patch[low[1] - first[1]:high[1] - first[1], low[0] - first[0]:high[0] - first[0]]
+        first, part, own = found
+        earth = dataclasses.replace(self._earth, direction=direction,
+                                    sun_direction=R.T @ self._earth.sun_direction)
+        patch = self._square.mean(earth.radiance(self._square.rays(first)))[own]
         for image in images:
             image.radiance[part] += np.where(image.depth_m[part] == 0.0, patch, 0.0)
 
-    def _image(self, first: Array, earth: EarthDisc) -> NDArray[np.float32]:
-        """Return (side, side) mean radiance of pixels; earth: in axes of the cameras."""
-        K, side, finer = self._projection.K, self._side, self._finer
-        fine = (np.arange(side * finer) + 0.5) / finer - 0.5
-        x, y = (fine + first[0] - K[0, 2]) / K[0, 0], (fine + first[1] - K[1, 2]) / K[1, 1]
-        rays = np.stack(np.broadcast_arrays(x[None], y[:, None], 1.0), axis=-1)
-        radiance = earth.radiance(rays).reshape(side, finer, side, finer).mean(axis=(1, 3))
-        return np.asarray(radiance, np.float32)
+
+Part = tuple[slice, slice]      # rows and columns
+
+
+class _Square:
+    """The pixels around a disc in the sky, and the samples that its image is the mean of.
+
+    Attributes:
+        finer: Samples along a side of a pixel.
+    """
+
+    def __init__(self, projection: Projection, radius_rad: float, samples: int) -> None:
+        """Choose its size; samples: across the disc, at least."""
+        self._projection = projection
+        across = 2.0 * projection.focal_px * math.tan(radius_rad)
+        # The image of a disc is longer towards the corners, by 1 / cos^2 of the angle.
+        corner = np.abs(projection.K[:2, 2]).max() * math.sqrt(2.0) / projection.focal_px
+        self._side = 2 * math.ceil(0.55 * across * (1.0 + corner**2)) + 4
+        self.finer = int(np.clip(math.ceil(samples / across), 2, 16))
+
+    def place(self, direction: Array) -> tuple[NDArray[np.int64], Part, Part] | None:
+        """Return its first column and row, the part of the image in it, and that part of itself.
+
+        None outside the image.
+        """
+        centre = (self._projection.K @ direction)[:2] / direction[2]
+        limit = 1e6     # of pixels, so that directions near the plane of the lens stay whole
+        first = np.rint(np.clip(centre, -limit, limit)).astype(int) - self._side // 2
+        size = np.array([self._projection.width, self._projection.height])
+        low, high = np.maximum(first, 0), np.minimum(first + self._side, size)
+        if np.any(low >= high):
+            return None
+        (x0, y0), (x1, y1), (x, y) = low, high, first
+        return first, np.s_[y0:y1, x0:x1], np.s_[y0 - y:y1 - y, x0 - x:x1 - x]
+
+    def rays(self, first: NDArray[np.int64]) -> Array:
+        """Return (n, n, 3) rays of depth 1 through all samples."""
+        K, finer = self._projection.K, self.finer
+        fine = (np.arange(self._side * finer) + 0.5) / finer - 0.5
+        x, y = (first[0] + fine - K[0, 2]) / K[0, 0], (first[1] + fine - K[1, 2]) / K[1, 1]
+        return np.stack(np.broadcast_arrays(x[None], y[:, None], 1.0), axis=-1)
+
+    def mean(self, radiance: Array) -> NDArray[np.float32]:
+        """Return the means of pixels of (..., n, n) samples."""
+        side, finer = self._side, self.finer
+        return np.asarray(radiance.reshape(*radiance.shape[:-2], side, finer, side, finer).mean(
+            axis=(-3, -1)), np.float32)

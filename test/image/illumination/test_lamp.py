@@ -9,7 +9,6 @@ from scipy import integrate
 
 from lunar_rover_sim.image.illumination.config import LampConfig
 from lunar_rover_sim.image.illumination.hapke import reflectance, SETS
-from lunar_rover_sim.image.illumination.lamp import beam_exponent, peak_intensity
 from lunar_rover_sim.image.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 
@@ -18,7 +17,7 @@ from lunar_rover_sim.rover.pose import RoverPose
 @pytest.mark.parametrize('power_w', [1.0, 20.0])
 def test_the_whole_beam_carries_the_flux(cone_deg, power_w):
     lamp = LampConfig(power_w=power_w, cone_deg=cone_deg)
-    exponent, peak = beam_exponent(lamp), peak_intensity(lamp)
+    exponent, peak = lamp.beam_exponent, lamp.peak_intensity
     flux, _ = integrate.quad(lambda a: 2.0 * np.pi * np.sin(a) * peak * np.cos(a)**exponent,
                              0.0, np.pi / 2.0, points=[np.radians(cone_deg) / 2.0])
     assert flux == pytest.approx(power_w, rel=1e-6)
@@ -50,7 +49,7 @@ def test_lamplit_ground_is_as_bright_as_the_inverse_square_says(pitch_deg):
     ground = (np.abs(points[..., 2]) < 1e-3) & (cosine > 0.75)
     near = ground & (distance > 0.4) & (distance < 3.0)
     assert near.sum() > 4000 and np.ptp(distance[near]) > 2.0
-    intensity = peak_intensity(lamp) * cosine[near]**beam_exponent(lamp)
+    intensity = lamp.peak_intensity * cosine[near]**lamp.beam_exponent
     expected = intensity / distance[near]**2 * reflectance(
         to_lamp[near][:, 2], view[near][:, 2], (to_lamp[near] * view[near]).sum(axis=1),
         SETS['highland'])

@@ -12,8 +12,7 @@ from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.illumination import rock_shadow
 from lunar_rover_sim.image.illumination.hapke import reflectance, SETS
-from lunar_rover_sim.image.illumination.horizon import (disc_fraction, shadow_levels, ShadowLevel,
-                                                        SunGeometry)
+from lunar_rover_sim.image.illumination.horizon import shadow_levels, ShadowLevel, SunGeometry
 from lunar_rover_sim.image.illumination.sunlight import indirect_light
 from lunar_rover_sim.image.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
@@ -33,7 +32,8 @@ def visibility_along(grid, clearance, occluder, start, heading, reach):
     rows = (xy / grid.cell_m + 0.5 * (grid.n - 1))[:, ::-1].T
     c = map_coordinates(clearance, rows, order=1)
     t = map_coordinates(occluder, rows, order=1)
-    return r, disc_fraction(c / t, RADIUS)
+    x = np.clip(c / t / RADIUS, -1.0, 1.0)      # the area of a disc above a chord
+    return r, 0.5 + (x * np.sqrt(1.0 - x * x) + np.arcsin(x)) / np.pi
 
 
 @pytest.mark.parametrize('azimuth_deg', [0.0, 37.0, 90.0, 200.0, 333.0])

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from lunar_rover_sim.ground.world.fine_relief import disc_share
 from lunar_rover_sim.ground.world.grid import HeightGrid
-from lunar_rover_sim.image.illumination.horizon import (disc_fraction, shadow_levels, ShadowLevel,
-                                                        split, SunGeometry)
+from lunar_rover_sim.image.illumination.horizon import (shadow_levels, ShadowLevel, split,
+                                                        SunGeometry)
 
 N, CELL = 65, 0.1
 AZIMUTHS = [0.0, 17.0, 45.0, 73.0, 90.0, 118.0, 135.0, 161.0, 180.0, 208.0, 225.0, 251.0, 270.0,
@@ -160,8 +161,8 @@ def test_the_visible_share_of_a_disc_is_its_area_above_the_edge():
     disc = disc[np.hypot(disc[:, 0], disc[:, 1]) < 1.0]
     for height in (-0.9, -0.4, 0.0, 0.25, 0.8):
         share = np.mean(disc[:, 1] > -height)
-        assert disc_fraction(0.00465 * height, 0.00465) == pytest.approx(share, abs=0.004)
-    np.testing.assert_array_equal(disc_fraction([-1.0, 1.0], 0.00465), [0.0, 1.0])
+        assert disc_share(np.array([height]))[0] == pytest.approx(share, abs=0.01)
+    np.testing.assert_allclose(disc_share(np.array([-215.0, 215.0])), [0.0, 1.0], atol=1e-12)
 
 
 def test_the_direction_to_the_sun_is_split_into_azimuth_and_elevation():
