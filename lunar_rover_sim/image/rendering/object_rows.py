@@ -244,8 +244,7 @@ def scatter(places, values, image, add):  # type: ignore[no-untyped-def]
             image[places[k]] = values[k]
 
 
-_FOUR = np.float32(4.0)
-_TENTH = np.float32(0.1)
+_FOUR, _TENTH = np.float32(4.0), np.float32(0.1)
 _OVER_PI, _TINY = np.float32(0.318309886), np.float32(1e-9)
 _CRUMPLE_M = np.float32(0.011)  # size of the facets of crumpled foil
 _METAL = np.float32(0.2)    # reflectance beyond which a surface is a metal: it tints its gloss

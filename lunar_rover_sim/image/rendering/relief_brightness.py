@@ -59,9 +59,9 @@ class ReliefBrightness:
         scales: (4, 4) coefficients of cubics in the level, constants first, of: tangent of the
             roughness left to the law, half width of the edge of shadows of the coarse and of the
             fine tile (as tangents), gain of lit shares.
-        factor: (LEVELS, COSINES, AZIMUTHS, 4) factor on sunlight; nodes are those of `_views`
-            and the tangent of the sun over the local plane, `tangent` times
-            HEIGHTS. Its inverse is interpolated: it falls to 0 where the sun sets behind relief.
+        factor: (LEVELS, COSINES, AZIMUTHS, 4) factor on sunlight; nodes are those of `_views` and
+            the tangent of the sun over the local plane, `tangent` times HEIGHTS. Its inverse is
+            interpolated: it falls to 0 where the sun sets behind relief.
         tangent: That of the sun over level ground.
     """
 
@@ -259,8 +259,7 @@ def _factor(facets: _Facets, tangent: float, gain: float) -> Array:
 
 _N, _PAGE = CHUNK, PAGE
 _ZERO, _HALF, _ONE, _TWO = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0))
-_LEAST = np.float32(1e-6)
-_BRIGHTEST = np.float32(0.125)
+_LEAST, _BRIGHTEST = np.float32(1e-6), np.float32(0.125)
 _BYTE2 = np.float32((255.0 / 128.0)**2 / 255.0**2)
 
 
