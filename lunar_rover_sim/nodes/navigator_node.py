@@ -65,7 +65,9 @@ class NavigatorNode(node_main.GraphNode):
         self._navigator = Navigator(config, radius_m, half_extent_m, self._costs)
         if self._costs is not None and any(math.dist(a, b) > config.far.from_m for a, b in zip(
                 ((0.0, 0.0), *config.goals), config.goals)):
-            self._costs()       # now, since time may wait for it later
+            costs = self._costs()       # now, since time may wait for it later
+            for goal in config.goals:
+                costs.checked(goal)
         self._period_ns = NS_PER_S // config.rate_hz
         self._map_ns = round(config.map_period_s * 1e9)
         self._lag_ns = round(config.map_lag_s * 1e9)

@@ -99,6 +99,36 @@ class GroundCosts:
             return None
         return min(int(y), rows - 1), min(int(x), columns - 1)
 
+    def checked(self, goal: ArrayLike, border_m: float = 0.0) -> Array:
+        """Return a goal (2,) as numbers.
+
+        Args:
+            border_m: Goals nearer to the edge of the map are refused.
+
+        Raises:
+            NavigationError: If it is none, lies beyond the map, or where no rover can stand.
+        """
+        try:
+            point = np.asarray(goal, float)[:2]
+        except (TypeError, ValueError):
+            point = np.empty(0)
+        if point.shape != (2,) or not np.isfinite(point).all():
+            raise NavigationError(f'goal: {brief(goal)} is not valid; valid are finite x, y [m]')
+        low = np.array(self.low_m) + border_m
+        high = self.low_m + np.array(self.cost.shape[::-1]) * self.cell_m - border_m
+        if (point < low).any() or (point > high).any():
+            raise NavigationError(
+                f'goal: x {point[0]:g} m, y {point[1]:g} m is beyond the map of the site; valid '
+                f'are x of {low[0]:g} to {high[0]:g} m and y of {low[1]:g} to {high[1]:g} m')
+        cell = self.cell_of(point)
+        assert cell is not None
+        if not np.isfinite(self.cost[cell]):
+            why = ('is steeper than far.max_slope_deg' if self.known[cell]
+                   else 'is in a hole of the map')
+            raise NavigationError(f'goal: x {point[0]:g} m, y {point[1]:g} m {why}; valid is '
+                                  'ground that the rover can cross')
+        return point.copy()
+
     def centre_m(self, cells: NDArray[np.int64]) -> Array:
         """Return the middles (n, 2) of cells (n, 2), rows and columns."""
         return np.asarray(cells[:, ::-1] + 0.5) * self.cell_m + self.low_m
@@ -181,7 +211,7 @@ class GlobalPlan:
                 stand, or no way leads there.
         """
         self.costs, self.config = dataclasses.replace(costs, cost=costs.cost.copy()), config
-        self.goals_m = tuple(self._checked(goal, border_m) for goal in goals_m)
+        self.goals_m = tuple(costs.checked(goal, border_m) for goal in goals_m)
         if not self.goals_m:
             raise NavigationError('goals_m: none is given; valid is one or more')
         self.made = 0
@@ -261,29 +291,6 @@ class GlobalPlan:
             return False
         self._joined()
         return True
-
-    def _checked(self, goal: ArrayLike, border_m: float) -> Array:
-        try:
-            point = np.asarray(goal, float)[:2]
-        except (TypeError, ValueError):
-            point = np.empty(0)
-        if point.shape != (2,) or not np.isfinite(point).all():
-            raise NavigationError(f'goal: {brief(goal)} is not valid; valid are finite x, y [m]')
-        costs = self.costs
-        low = np.array(costs.low_m) + border_m
-        high = costs.low_m + np.array(costs.cost.shape[::-1]) * costs.cell_m - border_m
-        if (point < low).any() or (point > high).any():
-            raise NavigationError(
-                f'goal: x {point[0]:g} m, y {point[1]:g} m is beyond the map of the site; valid '
-                f'are x of {low[0]:g} to {high[0]:g} m and y of {low[1]:g} to {high[1]:g} m')
-        cell = costs.cell_of(point)
-        assert cell is not None
-        if not np.isfinite(costs.cost[cell]):
-            why = ('is steeper than far.max_slope_deg' if costs.known[cell]
-                   else 'is in a hole of the map')
-            raise NavigationError(f'goal: x {point[0]:g} m, y {point[1]:g} m {why}; valid is '
-                                  'ground that the rover can cross')
-        return point.copy()
 
     def _start(self, start_m: ArrayLike) -> Array:
         start = np.asarray(start_m, float)[:2]
