@@ -22,6 +22,7 @@ from typing import Any
 
 from rosbags.typesys.base import TypesysError
 
+from lunar_rover_sim.bag.plain_cdr import PlainCdr
 from lunar_rover_sim.bag.reader import Bag, open_bag, RawMessage
 from lunar_rover_sim.bag.totals import AT_WALL_TIME, is_one_of
 from lunar_rover_sim.base.errors import BagError
@@ -41,7 +42,7 @@ class _TopicHash:
         self._stamp_ns: int | None = None
         self._group: list[bytes] = []
 
-    def add(self, stamp_ns: int | None, payload: bytes | memoryview) -> None:
+    def add(self, stamp_ns: int | None, payload: bytes | bytearray | memoryview) -> None:
         digest = hashlib.sha256(payload).digest()
         if stamp_ns is None:
             self._hash.update(_NO_STAMP + digest)
@@ -78,16 +79,16 @@ class ContentHash:
         self._bag = bag
         self.topics = [topic for topic in bag.types if not is_skipped(topic)]
         self._states = {topic: _TopicHash() for topic in self.topics}
+        self._cdr = PlainCdr(bag.typestore, bag.decode)
 
-    def add(self, message: RawMessage, decoded: Any) -> None:
-        """Take the next message, and the same decoded.
+    def add(self, message: RawMessage, decoded: Any = None) -> None:
+        """Take the next message, and the same decoded, where that was done already.
 
         Raises:
-            BagError: If it cannot be serialised again.
+            BagError: If it cannot be decoded or serialised again.
         """
         try:
-            payload = self._bag.typestore.serialize_cdr(decoded, message.msgtype,
-                                                        little_endian=True)
+            payload = self._cdr.of(message.topic, message.msgtype, message.data, decoded)
         except (TypesysError, struct.error) as error:
             raise BagError(f'{self._bag.path}: a {message.msgtype} cannot be hashed: '
                            f'{error}') from None
@@ -131,7 +132,7 @@ def combine(hashes: Mapping[str, str], types: Mapping[str, str]) -> str:
 def _read(bag: Bag, progress: Callable[[], None] | None) -> ContentHash:
     hashes = ContentHash(bag)
     for message in bag.raw(hashes.topics) if hashes.topics else ():
-        hashes.add(message, bag.decode(message.data, message.msgtype))
+        hashes.add(message)
         if progress is not None:
             progress()
     return hashes

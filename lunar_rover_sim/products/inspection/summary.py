@@ -61,7 +61,11 @@ def summarise(path: Path) -> Summary:
         hashes, drive, slam, goal = ContentHash(bag), Drive(bag), Counter[str](), ''
         of_slam, of_navigator = (bag.resolve(topic.name) if bag.has(topic.name) else ''
                                  for topic in (topics.SLAM_STATUS, topics.NAVIGATOR_STATUS))
+        decoded_topics = {*drive.topics, of_slam, of_navigator}
         for message in bag.raw(hashes.topics) if hashes.topics else ():
+            if message.topic not in decoded_topics:
+                hashes.add(message)
+                continue
             decoded = bag.decode(message.data, message.msgtype)
             hashes.add(message, decoded)
             drive.add(message, decoded)

@@ -178,6 +178,11 @@ class Drive:
         self._poses = array('d')
         self._info: Any = None
 
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Those whose messages it takes."""
+        return tuple(filter(None, (self._truth, self._camera)))
+
     def add(self, message: RawMessage, decoded: Any) -> None:
         """Take a message, and the same decoded; of other topics they are left out."""
         if message.topic == self._truth and message.msgtype == topics.ODOM.type:
