@@ -117,32 +117,44 @@ def far_albedo(world: World, k: int) -> F32:
 
     A world whose recipe has no seed has the factor 1 everywhere.
     """
-    grid, config = world.levels[k], world.config.albedo
-    change = np.zeros((grid.n, grid.n), np.float32)
+    grid = world.levels[k]
     if world.config.seed < 0:
-        return change + np.float32(1.0)
+        return np.ones((grid.n, grid.n), np.float32)
     middle = np.add(grid.middle_m, world.origin_m)
     first = middle / grid.cell_m - 0.5 * (grid.n - 1)
-    if config.variation > 0.0:
-        for wavelength, part in _FAR:
-            if wavelength >= _CELLS * grid.cell_m:
-                change += np.float32(config.variation * part) * _patches(
-                    world.config.seed, wavelength, (first[0], first[1]), change.shape, grid.cell_m)
-    if config.fresh_crater > 0.0:
-        # Counted from the first sample.
-        corner = np.asarray(grid.middle_m) - 0.5 * (grid.n - 1) * grid.cell_m
-        craters = dataclasses.replace(world.craters,
-                                      position_m=world.craters.position_m - corner)
-        field = Area(change, (0, 0), grid.cell_m)
-        brighten(field, craters, config.fresh_crater)
-        add_rays(field, craters, _RAY * config.fresh_crater)
+    corner = np.asarray(grid.middle_m) - 0.5 * (grid.n - 1) * grid.cell_m
+    change = coarse_change(world.config, (first[0], first[1]), (grid.n, grid.n), grid.cell_m,
+                           dataclasses.replace(world.craters,
+                                               position_m=world.craters.position_m - corner))
     axis = np.abs(np.arange(grid.n) - 0.5 * (grid.n - 1)) * grid.cell_m
     away = np.maximum(axis[:, None], axis) - world.ground.half_extent_m
     change *= np.clip(away / _FADE_M, 0.0, 1.0).astype(np.float32)
     return np.clip(np.float32(1.0) + change, 0.4, 1.8)
 
 
-def _patches(seed: int, wavelength_m: float, first: tuple[float, float], shape: tuple[int, ...],
+def coarse_change(config: WorldConfig, first: tuple[float, float], shape: tuple[int, int],
+                  cell_m: float, craters: Craters) -> F32:
+    """Return by how much the albedo factor differs from 1 on a rectangle of coarse cells.
+
+    Args:
+        first: Column and row at which it begins, on the lattice of the site.
+        shape: Its rows and columns.
+        craters: Those whose soil or rays reach it; places count from its first sample.
+    """
+    change = np.zeros(shape, np.float32)
+    if config.albedo.variation > 0.0:
+        for wavelength, part in _FAR:
+            if wavelength >= _CELLS * cell_m:
+                change += np.float32(config.albedo.variation * part) * _patches(
+                    config.seed, wavelength, first, shape, cell_m)
+    if config.albedo.fresh_crater > 0.0:
+        field = Area(change, (0, 0), cell_m)
+        brighten(field, craters, config.albedo.fresh_crater)
+        add_rays(field, craters, _RAY * config.albedo.fresh_crater)
+    return change
+
+
+def _patches(seed: int, wavelength_m: float, first: tuple[float, float], shape: tuple[int, int],
              cell_m: float) -> F32:
     """Return one wavelength's variation of RMS 1 and mean 0 on a rectangle of a lattice."""
     pitch = _PITCH * wavelength_m

@@ -22,6 +22,7 @@ from lunar_rover_sim.ground.world.grid import (Box, height_step_m, HeightGrid, o
 from lunar_rover_sim.ground.world.levels import axis_m
 from lunar_rover_sim.ground.world.mesh import MeshSource
 from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.spline import F32
 from lunar_rover_sim.ground.world.terrain import Terrain
 
 MOON_RADIUS_M = 1_737_400.0     # of the reference sphere of LOLA (Smith et al., 2010)
@@ -43,7 +44,7 @@ def drop_m(square_m2: ArrayLike, level_radius_m: float) -> NDArray[np.float64]:
     return beyond / (2.0 * MOON_RADIUS_M)
 
 
-def bend(heights: NDArray[np.float32], cell_m: float, level_radius_m: float) -> None:
+def bend(heights: F32, cell_m: float, level_radius_m: float) -> None:
     """Subtract the drop from (n, n) heights over the plane; in place.
 
     It consists of sums, products and quotients alone, which all machines round alike. So it needs
@@ -123,13 +124,11 @@ class Builder:
         if self.source is not None and middle_m != (0.0, 0.0):
             self.source.check_window(middle_m)
         arrays = self._terrain.levels(middle_m, tell)
-        origin = self._height_of_origin()
-        for heights, cell in zip(arrays, self._terrain.cells):
-            heights -= np.float32(origin)
-            round_to(heights, height_step_m(cell))
+        for heights, cell in zip(arrays, self.cells):
+            self._over_origin(heights, cell)
         report = dict(self.source.report) if self.source is not None else {}
         report['recipe'] = world_folder.RECIPE
-        report['origin_height_m'] = origin + (
+        report['origin_height_m'] = self._height_of_origin() + (
             self.source.reference_m if self.source is not None else 0.0)
         tell('albedo and rocks', 0.85)
         drawn = self._terrain.catalogue(middle_m)
@@ -139,7 +138,7 @@ class Builder:
         around = rockfield.known_around(config.rocks, widened(
             ground.box_m, config.rocks.max_diameter_m))
         rocks, all_rocks = rockfield.scatter(config.rocks, config.seed, ground, library,
-                                             self._reaching(around), config.clear_radius_m)
+                                             self.reaching(around), config.clear_radius_m)
         ground = rockfield.fillets(config.rocks, ground, all_rocks)
         light = albedo.fine_albedo(self._albedo_change(ground))
         levels = self._nested([ground.heights_m.copy(), *arrays[1:]], middle_m)
@@ -149,9 +148,9 @@ class Builder:
         tell('done', 1.0)
         return world
 
-    def _albedo_change(self, ground: HeightGrid) -> NDArray[np.float32]:
+    def _albedo_change(self, ground: HeightGrid) -> F32:
         """Return by how much the albedo of the fine ground differs from 1."""
-        def make(first: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.float32]:
+        def make(first: tuple[int, int], shape: tuple[int, int]) -> F32:
             box = spline.box_of(first, shape, ground.cell_m)
             return albedo.fine_change(self.config, first, shape, self._bright(box))
 
@@ -167,11 +166,40 @@ class Builder:
                                               height_step_m(self.config.cell_m)))
         return self._origin_m
 
-    def _reaching(self, box: Box) -> Craters:
-        """Return the craters around which rocks of a box may gather."""
+    @property
+    def cells(self) -> list[float]:
+        """Cells of the levels of the site [m], finest first."""
+        return self._terrain.cells
+
+    def heights(self, k: int, first: tuple[int, int], shape: tuple[int, int]) -> F32:
+        """Return heights of a level on a rectangle, which may be of any place and size [m].
+
+        They are over the sphere, without soil at the feet of rocks.
+
+        Args:
+            first: Column and row at which it begins, on the lattice of the level.
+            shape: Its rows and columns.
+
+        Raises:
+            WorldError: If the source cannot be read.
+        """
+        return self._over_origin(self._terrain.rectangle(k, first, shape), self.cells[k])
+
+    def craters(self, box: Box, least_m: float) -> Craters:
+        """Return the craters of a least diameter whose centres lie in a box."""
+        return self._terrain.craters.within(box, least_m)
+
+    def reaching(self, box: Box, least_m: float = 0.0) -> Craters:
+        """Return the craters of a least diameter around which rocks of a box may gather."""
         return Craters.join([self._terrain.craters.within(widened(
-            box, reach * min(high, self.config.craters.max_diameter_m)), low, high)
-            for low, high, reach in _GATHERING])
+            box, reach * min(high, self.config.craters.max_diameter_m)), max(low, least_m), high)
+            for low, high, reach in _GATHERING if high > least_m])
+
+    def _over_origin(self, heights: F32, cell_m: float) -> F32:
+        """Return heights over that of the origin, on their lattice; in place."""
+        heights -= np.float32(self._height_of_origin())
+        round_to(heights, height_step_m(cell_m))
+        return heights
 
     def _bright(self, box: Box) -> Craters:
         """Return the craters whose bright soil reaches a box, and large ones of its blocks."""
@@ -182,7 +210,7 @@ class Builder:
                                          large),
             self._terrain.craters.within(widened(blocks, 1.75 * largest), large)])
 
-    def _nested(self, arrays: list[NDArray[np.float32]],
+    def _nested(self, arrays: list[F32],
                 middle_m: tuple[float, float]) -> tuple[HeightGrid, ...]:
         """Return the finished levels: on the sphere, without seams.
 

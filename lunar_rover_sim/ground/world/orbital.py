@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rasterio.io import MemoryFile
-from rasterio.transform import from_origin
 import scipy.ndimage
 
 from lunar_rover_sim.base.errors import WorldError
@@ -22,6 +20,7 @@ from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.ground.world.map_projection import projected_origin
 from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.orbital_map import write_tif
 from lunar_rover_sim.ground.world.shade import shaded, with_rocks
 
 HEIGHTS, PHOTO = 'heights', 'photo'
@@ -62,6 +61,7 @@ def write_map(world: World, path: Path, resolution_m: float, what: str = HEIGHTS
     Raises:
         WorldError: If the resolution is not valid, or the file cannot be written.
     """
+    world = world.local()
     ground = world.ground
     factor = round(resolution_m / ground.cell_m)
     pixels = (ground.n - 1) // factor if factor else 0
@@ -85,18 +85,11 @@ def write_map(world: World, path: Path, resolution_m: float, what: str = HEIGHTS
             data = data + errors.height_m * rough / rough.std()
         data = data.astype(np.float32)
     size = factor * ground.cell_m
-    half = 0.5 * pixels * size
-    crs, (x, y) = projected_origin(world)
-    west, north = x - half + shift[0], y + half + shift[1]
+    crs, origin = projected_origin(world)
+    x, y = np.add(origin, shift) - 0.5 * (pixels - 1) * size
     tags = {'resolution_m': f'{size:g}', 'world_hash': world.hash, 'what': what,
             'shift_m': f'{shift[0]:.3f} {shift[1]:.3f}', 'height_error_m': f'{errors.height_m:g}'}
-    with MemoryFile() as memory:
-        with memory.open(driver='GTiff', width=pixels, height=pixels, count=1,
-                         dtype=data.dtype.name, crs=crs, compress='deflate',
-                         transform=from_origin(west, north, size, size)) as out:
-            out.write(data[::-1], 1)        # row 0 is in the north
-            out.update_tags(**tags)
-        atomic_write(path, bytes(memory.getbuffer()), WorldError)
+    write_tif(path, data, (float(x), float(y)), size, crs, tags)
 
 
 def _means(values: NDArray[Any], factor: int, pixels: int) -> Array:
@@ -117,6 +110,7 @@ def write_features(world: World, path: Path, least_rock_m: float = 0.1,
     Raises:
         WorldError: If the file cannot be written.
     """
+    world = world.local()
     crs, origin = projected_origin(world)
     rocks, craters, half = world.rocks, world.craters, world.ground.half_extent_m
     features = []

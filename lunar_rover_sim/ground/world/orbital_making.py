@@ -6,10 +6,8 @@ own, which the ground does not know.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-import dataclasses
+from collections.abc import Callable, Iterator
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,111 +15,53 @@ import scipy.ndimage
 
 from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.base.frames import Array
-from lunar_rover_sim.ground.world.albedo import far_albedo
 from lunar_rover_sim.ground.world.craters import Craters
-from lunar_rover_sim.ground.world.far_rocks import far_rocks
-from lunar_rover_sim.ground.world.map_projection import projected_origin
+from lunar_rover_sim.ground.world.grid import Box
+from lunar_rover_sim.ground.world.mapped_ground import MappedGround, on_axes
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.orbital_map import MappedCraters, OrbitalConfig, OrbitalMap
 from lunar_rover_sim.ground.world.rocks import Rocks
 from lunar_rover_sim.ground.world.shade import add_domes, line_of_sight, shaded
+from lunar_rover_sim.ground.world.site import Site
 
 F32 = NDArray[np.float32]
-OnAxes = Callable[[Array, Array], Array]
 Progress = Callable[[str, float], object]
 
 _BLOCK_PX = 256
 _SAMPLE_M = 0.5             # of the ground, at least one and at most four along a pixel
 _MOST_SAMPLES = 4
 _NEAR_M = 40.0              # shadows of nearer ground are those of the photo's own samples
-_LEAST_PX = 8
+_LEAST_PX, _MOST_PX = 8, 12_000     # along a side; the most take 0.6 GB
 _CRATER_PX = 2.0            # diameter of the smallest mapped crater, in pixels of the heights
 _FULL = 230.0               # of the photo: ground that is white
 _TRUNCATE = 4.0             # standard deviations of the kernel of the errors
 
 
-@dataclasses.dataclass(frozen=True)
-class MappedGround:
-    """Ground of which a map is made, in the frame of the site.
-
-    Attributes:
-        heights: Takes x (n,) and y (m,) and returns heights (m, n) [m], NaN where there are none.
-        albedo: Takes the same and returns the albedo factor (m, n).
-        half_extent_m: It reaches so far from the origin, in x and in y.
-        craters: All that may be mapped.
-        rocks: Takes a least diameter [m]; returns all larger rocks.
-        recipe, name: As of `OrbitalMap`.
-        crs, origin_m: As of `OrbitalMap`.
-    """
-
-    heights: OnAxes
-    albedo: OnAxes
-    half_extent_m: float
-    craters: Craters
-    rocks: Callable[[float], Rocks]
-    recipe: Mapping[str, Any]
-    name: str
-    crs: str = ''
-    origin_m: tuple[float, float] = (0.0, 0.0)
-
-    @staticmethod
-    def of(world: World) -> MappedGround:
-        """Return the ground of a world with its coarse levels."""
-        last = world.levels[-1]
-
-        def heights(x_m: Array, y_m: Array) -> Array:
-            found = np.full((len(y_m), len(x_m)), np.nan)
-            for level in reversed(world.levels):
-                rows, columns = (np.abs(axis - middle) <= level.half_extent_m
-                                 for axis, middle in zip((y_m, x_m), level.middle_m[::-1]))
-                if rows.any() and columns.any():
-                    found[np.ix_(rows, columns)] = on_axes(
-                        level.heights_m, _first(level.n, level.cell_m, level.middle_m),
-                        level.cell_m, x_m[columns], y_m[rows])
-            return found
-
-        factor = far_albedo(world, len(world.levels) - 1) if len(world.levels) > 1 else None
-
-        def albedo(x_m: Array, y_m: Array) -> Array:
-            if factor is None:
-                return np.ones((len(y_m), len(x_m)))
-            return on_axes(factor, _first(last.n, last.cell_m, last.middle_m), last.cell_m,
-                           x_m, y_m)
-
-        def rocks(least_m: float) -> Rocks:
-            far = far_rocks(world, last.half_extent_m)
-            all_rocks = world.rocks.joined(far) if len(far) else world.rocks
-            return all_rocks.select(all_rocks.diameter_m >= least_m)
-
-        crs, origin = projected_origin(world)
-        return MappedGround(heights, albedo, last.half_extent_m, world.craters, rocks,
-                            world.config.to_mapping(), world.hash,
-                            '' if crs is None else crs.to_wkt(), origin)
-
-
-def orbital_map(ground: World | MappedGround, config: OrbitalConfig = OrbitalConfig(),
+def orbital_map(ground: World | Site | MappedGround, config: OrbitalConfig = OrbitalConfig(),
                 progress: Progress | None = None) -> OrbitalMap:
     """Return the maps of a site from orbit.
 
     Args:
-        ground: A world, with all of its levels, or another source.
+        ground: A site, or a world: all of the site of which it is a window.
         config: Extent, pixels, sun of the photo, errors and their seed.
         progress: Called with what is being made and the fraction done so far.
 
     Raises:
-        WorldError: If the map would have fewer than 8 pixels along a side, or reaches beyond the
-            ground.
+        WorldError: If the map would have fewer than 8 pixels along a side or more than 12,000, or
+            reaches beyond the ground.
     """
-    source = ground if isinstance(ground, MappedGround) else MappedGround.of(ground)
+    source = ground if isinstance(ground, MappedGround) else MappedGround.of(
+        ground, config.pixel_m)
     tell = progress or (lambda what, fraction: None)
     half = 0.5 * config.extent_m or source.half_extent_m
     if half > source.half_extent_m:
         raise WorldError(f'extent_m: {config.extent_m:g} is not valid; valid is <= '
                          f'{2.0 * source.half_extent_m:g} [m], of this ground')
     for name, pixel in (('pixel_m', config.pixel_m), ('photo_pixel_m', config.photo_pixel_m)):
-        if pixel and 2.0 * half / pixel < _LEAST_PX:
-            raise WorldError(f'{name}: {pixel:g} is not valid; valid is <= '
-                             f'{2.0 * half / _LEAST_PX:g} [m], for {2.0 * half:g} m of ground')
+        if pixel and not _LEAST_PX <= 2.0 * half / pixel <= _MOST_PX:
+            raise WorldError(f'{name}: {pixel:g} is not valid; valid is '
+                             f'{2.0 * half / _MOST_PX:.3g} to {2.0 * half / _LEAST_PX:g} [m], for '
+                             f'{2.0 * half:g} m of ground; extent_m makes that smaller')
     true = _true_heights(source, half, config.pixel_m, lambda share: tell('heights', share))
     n = len(true)
     first = 0.5 * (1 - n) * config.pixel_m
@@ -133,34 +73,9 @@ def orbital_map(ground: World | MappedGround, config: OrbitalConfig = OrbitalCon
     for array in (heights, photo):
         array.setflags(write=False)
     photo_first = 0.5 * (1 - len(photo)) * config.photo_pixel_m
-    return OrbitalMap(heights, (first, first), _mapped(source.craters, config, half), photo,
-                      (photo_first, photo_first), config, source.recipe, source.name,
-                      source.crs, source.origin_m)
-
-
-def on_axes(values: NDArray[Any], first_m: tuple[float, float], cell_m: float, x_m: Array,
-            y_m: Array) -> Array:
-    """Return values of a grid at the places of columns x (n,) and rows y (m,), bilinear, (m, n).
-
-    Args:
-        first_m: (2,) place of the sample [0, 0]. Beyond the grid its border goes on.
-    """
-    taps = []
-    for at, first, size in zip((y_m, x_m), first_m[::-1], values.shape):
-        place = np.clip((at - first) / cell_m, 0.0, size - 1.0)
-        low = np.minimum(place.astype(int), size - 2)
-        taps.append((low, place - low))
-    (row, v), (column, u) = taps
-    low, high = int(column.min()), int(column.max()) + 2
-    part = values[:, low:high]
-    lines = (1.0 - v)[:, None] * part[row] + v[:, None] * part[row + 1]
-    left = np.take(lines, column - low, axis=1)
-    return left + u * (np.take(lines, column - low + 1, axis=1) - left)
-
-
-def _first(n: int, cell_m: float, middle_m: tuple[float, float]) -> tuple[float, float]:
-    x, y = (middle - 0.5 * (n - 1) * cell_m for middle in middle_m)
-    return x, y
+    craters = _mapped(source.craters(_CRATER_PX * config.pixel_m), config, half)
+    return OrbitalMap(heights, (first, first), craters, photo, (photo_first, photo_first), config,
+                      source.recipe, source.name, source.crs, source.origin_m)
 
 
 def _blocks(n: int) -> Iterator[tuple[slice, slice]]:
@@ -247,7 +162,6 @@ def _photo(source: MappedGround, half_m: float, config: OrbitalConfig, coarse: F
     sight = line_of_sight(np.nan_to_num(coarse, nan=lowest), config.pixel_m, *sun,
                           from_cells=max(_NEAR_M / config.pixel_m, 1.0))
     sight_first = 0.5 * (1 - len(coarse)) * config.pixel_m
-    rocks = source.rocks(pixel)
     photo = np.empty((n, n), np.uint8)
     for rows, columns in _blocks(n):
         tell((rows.start + columns.start / n * _BLOCK_PX) / n)
@@ -255,7 +169,9 @@ def _photo(source: MappedGround, half_m: float, config: OrbitalConfig, coarse: F
         heights = np.asarray(source.heights(x, y), np.float32)
         known = np.isfinite(heights)
         heights[~known] = lowest
-        add_domes(heights, cell, (x[0] / cell, y[0] / cell), _within(rocks, x, y))
+        box = float(x[0]), float(x[-1]), float(y[0]), float(y[-1])
+        add_domes(heights, cell, (x[0] / cell, y[0] / cell),
+                  _within(source.rocks(pixel, box), box))
         inner = np.s_[margin:-margin, margin:-margin]
         light = shaded(heights, cell, *sun)[inner]
         x, y = x[margin:-margin], y[margin:-margin]
@@ -270,9 +186,9 @@ def _photo(source: MappedGround, half_m: float, config: OrbitalConfig, coarse: F
     return photo
 
 
-def _within(rocks: Rocks, x_m: Array, y_m: Array) -> Rocks:
-    """Return the rocks that reach into the rectangle of two axes."""
+def _within(rocks: Rocks, box: Box) -> Rocks:
+    """Return the rocks that reach into a box."""
     x, y = rocks.position_m[:, :2].T
     reach = 0.5 * rocks.diameter_m
-    return rocks.select((x + reach >= x_m[0]) & (x - reach <= x_m[-1])
-                        & (y + reach >= y_m[0]) & (y - reach <= y_m[-1]))
+    return rocks.select((x + reach >= box[0]) & (x - reach <= box[1])
+                        & (y + reach >= box[2]) & (y - reach <= box[3]))

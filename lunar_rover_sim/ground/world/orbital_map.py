@@ -129,7 +129,7 @@ class OrbitalMap:
 
     def height_at(self, xy_m: ArrayLike) -> Array:
         """Return heights [m] at (..., 2) places, bilinear; NaN beyond the map and at its holes."""
-        return _bilinear(self.heights_m, self.first_m, self.pixel_m, xy_m)
+        return bilinear(self.heights_m, self.first_m, self.pixel_m, xy_m)
 
     def variance_m2(self, xy_m: ArrayLike) -> Array:
         """Return the variance of the heights at (..., 2) places: noise, bias and tilt [m^2]."""
@@ -159,11 +159,13 @@ class OrbitalMap:
         except OSError as reason:
             raise WorldError(f'{folder}: {reason.strerror}') from None
         tags = {'ground': self.name, 'error_seed': str(self.config.error_seed)}
-        self._write_tif(folder / HEIGHTS_FILE, self.heights_m, self.first_m, self.pixel_m,
-                        math.nan, tags)
+        files = [(HEIGHTS_FILE, self.heights_m, self.first_m, self.pixel_m, math.nan)]
         if self.photo.size:
-            self._write_tif(folder / PHOTO_FILE, self.photo, self.photo_first_m,
-                            self.config.photo_pixel_m, NO_PHOTO, tags)
+            files.append((PHOTO_FILE, self.photo, self.photo_first_m, self.config.photo_pixel_m,
+                          NO_PHOTO))
+        for name, values, first, pixel, nodata in files:
+            place = self.origin_m[0] + first[0], self.origin_m[1] + first[1]
+            write_tif(folder / name, values, place, pixel, self.crs or None, tags, nodata=nodata)
         atomic_write(folder / CRATERS_FILE, json.dumps(self._features()) + '\n', WorldError)
         about = {'format': FORMAT, 'frame': self._frame(), 'crs': self.crs,
                  'origin_m': list(self.origin_m), 'errors': self.config.to_mapping(),
@@ -173,19 +175,6 @@ class OrbitalMap:
     def _frame(self) -> str:
         return ('coordinates of the CRS' if self.crs
                 else 'metres east and north of the origin of the site')
-
-    def _write_tif(self, path: Path, values: NDArray[Any], first_m: tuple[float, float],
-                   pixel_m: float, nodata: float, tags: Mapping[str, str]) -> None:
-        west = self.origin_m[0] + first_m[0] - 0.5 * pixel_m
-        north = self.origin_m[1] + first_m[1] + (len(values) - 0.5) * pixel_m
-        with MemoryFile() as memory:
-            with memory.open(driver='GTiff', width=values.shape[1], height=values.shape[0],
-                             count=1, dtype=values.dtype.name, crs=self.crs or None,
-                             compress='deflate', tiled=True, nodata=nodata,
-                             transform=from_origin(west, north, pixel_m, pixel_m)) as out:
-                out.write(values[::-1], 1)      # row 0 is in the north
-                out.update_tags(**tags)
-            atomic_write(path, bytes(memory.getbuffer()), WorldError)
 
     def _features(self) -> dict[str, Any]:
         config, craters = self.config, self.craters
@@ -227,8 +216,35 @@ class OrbitalMap:
                           photo_first, config, recipe, name, crs, (origin[0], origin[1]))
 
 
-def _bilinear(values: NDArray[np.float32], first_m: tuple[float, float], pixel_m: float,
-              xy_m: ArrayLike) -> Array:
+def write_tif(path: Path, values: NDArray[Any], first_m: tuple[float, float], pixel_m: float,
+              crs: Any, tags: Mapping[str, str], **options: Any) -> None:
+    """Write values (rows, columns), row 0 south, as GeoTIFF.
+
+    Args:
+        first_m: Place of the middle of the pixel [0, 0] in the CRS.
+        crs: As rasterio takes it; None: no CRS.
+        options: Further ones of the driver.
+
+    Raises:
+        WorldError: If it cannot be written.
+    """
+    west, north = first_m[0] - 0.5 * pixel_m, first_m[1] + (len(values) - 0.5) * pixel_m
+    with MemoryFile() as memory:
+        with memory.open(driver='GTiff', width=values.shape[1], height=values.shape[0], count=1,
+                         dtype=values.dtype.name, crs=crs, compress='deflate', tiled=True,
+                         transform=from_origin(west, north, pixel_m, pixel_m), **options) as out:
+            out.write(values[::-1], 1)      # row 0 is in the north
+            out.update_tags(**tags)
+        atomic_write(path, bytes(memory.getbuffer()), WorldError)
+
+
+def bilinear(values: NDArray[np.float32], first_m: tuple[float, float], pixel_m: float,
+             xy_m: ArrayLike) -> Array:
+    """Return values of a grid at (..., 2) places; NaN more than half a pixel beyond it.
+
+    Args:
+        first_m: (2,) place of the sample [0, 0].
+    """
     place = (np.asarray(xy_m, float) - first_m) / pixel_m
     rows, columns = values.shape
     column, row = np.moveaxis(place, -1, 0)

@@ -191,6 +191,12 @@ def known_around(config: RockConfig, box: Box) -> Box:
         widened(box, 2.0 * _OVERLAP * config.max_diameter_m)))
 
 
+def least_crater_m(least_m: float) -> float:
+    """Return the diameter of the smallest craters around which rocks of a size and more gather."""
+    ends = [*(kind.least_m for kind in _KINDS[1:]), math.inf]
+    return min(kind.crater_m for kind, end_m in zip(_KINDS, ends) if end_m > least_m)
+
+
 def scatter(config: RockConfig, seed: int, ground: HeightGrid, shapes: tuple[RockShape, ...],
             craters: Craters, clear_radius_m: float) -> tuple[Rocks, Population]:
     """Return the rocks that lie on the ground, and all of those whose soil reaches it.

@@ -71,7 +71,7 @@ class Terrain:
     def levels(self, middle_m: tuple[float, float], tell) -> list[F32]:  # type: ignore
         """Return the heights of a window's levels, finest first."""
         boxes = [self._box(k, middle_m) for k in range(len(self.plan))]
-        chain = self._chain(boxes)
+        chain = self._chain(dict(enumerate(boxes)))
         shown = []
         for k in reversed(range(len(self.plan))):
             tell(f'relief at {self.cells[k]:g} m', 0.8 * (1 - (k + 1) / len(self.plan)))
@@ -80,8 +80,12 @@ class Terrain:
 
     def height_at_origin(self) -> float:
         """Return the height of the finest level at the origin."""
-        chain = self._chain([(0.0, 0.0, 0.0, 0.0)])
-        return float(self._ground(0, (0, 0), (1, 1), chain.get(1), LEAST_CELLS)[0, 0])
+        return float(self.rectangle(0, (0, 0), (1, 1))[0, 0])
+
+    def rectangle(self, k: int, first: tuple[int, int], shape: tuple[int, int]) -> F32:
+        """Return the heights of a level on a rectangle of its lattice."""
+        chain = self._chain({k: spline.box_of(first, shape, self.cells[k])})
+        return self._ground(k, first, shape, chain.get(k + 1), SHOWN_CELLS if k else LEAST_CELLS)
 
     def catalogue(self, middle_m: tuple[float, float]) -> Craters:
         """Return the craters that reach a window, with the level on which each is drawn."""
@@ -122,19 +126,22 @@ class Terrain:
         largest = self.config.craters.max_diameter_m
         return largest if top else min(largest, CHAIN_CELLS * self.cells[k + 1])
 
-    def _chain(self, boxes: list[Box]) -> dict[int, Area]:
-        """Return the chain above the finest level, as far as the levels of a window need it."""
+    def _chain(self, boxes: dict[int, Box]) -> dict[int, Area]:
+        """Return the chain above the finest of some levels, as far as these need it.
+
+        Args:
+            boxes: Where heights of a level are wanted, by its number.
+        """
         wanted: dict[int, Box] = {}
-        box = boxes[0]
-        for k in range(1, len(self.cells)):
-            below = widened(box, self._margin_m(k - 1) + self._pixels_m(k - 1))
-            if k <= len(boxes) and k > 1:
-                shown = widened(boxes[k - 1], self._margin_m(k - 1) + self._pixels_m(k - 1))
-                below = (min(below[0], shown[0]), max(below[1], shown[1]),
-                         min(below[2], shown[2]), max(below[3], shown[3]))
-            wanted[k] = box = widened(below, (spline.MARGIN + 2) * self.cells[k])
+        for k in range(min(boxes) + 1, len(self.cells)):
+            below = [some[k - 1] for some in (wanted, boxes) if k - 1 in some]
+            west, east, south, north = zip(*below)
+            wanted[k] = widened(
+                widened((min(west), max(east), min(south), max(north)),
+                        self._margin_m(k - 1) + self._pixels_m(k - 1)),
+                (spline.MARGIN + 2) * self.cells[k])
         chain: dict[int, Area] = {}
-        for k in reversed(range(1, len(self.cells))):
+        for k in sorted(wanted, reverse=True):
             first, shape = _lattice(wanted[k], self.cells[k])
             heights = self._ground(k, first, shape, chain.get(k + 1), CHAIN_CELLS)
             chain[k] = Area(heights, first, self.cells[k])

@@ -169,3 +169,31 @@ def test_a_window_is_the_same_whatever_was_made_before(site):
     assert anew.window((25.6, -12.8)).hash == last.hash
     for builder in (goes_on, anew):
         builder.close()
+
+
+def test_a_disk_that_is_full_in_the_middle_of_a_window_is_said_and_leaves_nothing(tmp_path):
+    program = ('import resource\n'
+               'from lunar_rover_sim.base.errors import WorldError\n'
+               'from lunar_rover_sim.ground.world.site import Site\n'
+               'from lunar_rover_sim.ground.world.config import WorldConfig\n'
+               f'site = Site(WorldConfig.from_mapping({TINY!r}), 5)\n'
+               'print(site.window((0.0, 0.0)).hash)\n'
+               '_, most = resource.getrlimit(resource.RLIMIT_FSIZE)\n'
+               'resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, most))\n'
+               'try:\n'
+               '    site.window((0.0, 12.8))\n'
+               'except WorldError as error:\n'
+               '    print(error)\n'
+               'resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))\n'
+               'print(site.window((0.0, 12.8)).ground.middle_m)\n')
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path),
+                   'LUNAR_ROVER_SIM_CACHE': str(tmp_path)}
+    done = subprocess.run([sys.executable, '-c', program], env=environment, text=True,
+                          capture_output=True, timeout=LIMIT_S)
+    first, error, again = done.stdout.splitlines()
+    assert len(first) == 32 and again == '(0.0, 12.8)', done.stderr
+    assert error.startswith(str(tmp_path / 'windows')) and error.endswith(
+        'LUNAR_ROVER_SIM_CACHE names another folder for built worlds')
+    assert 'cannot be written: ' in error
+    folders = [path.name for path in (tmp_path / 'windows').iterdir() if path.is_dir()]
+    assert len(folders) == 1 and not folders[0].startswith('.')

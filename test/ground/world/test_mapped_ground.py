@@ -1,0 +1,86 @@
+"""Maps from orbit of a whole site: the ground on which its windows let a rover drive."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from lunar_rover_sim.autonomy.navigation.global_plan import GroundCosts
+from lunar_rover_sim.base.errors import WorldError
+from lunar_rover_sim.ground.world import mapped_ground
+from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.mapped_ground import MappedGround
+from lunar_rover_sim.ground.world.orbital_making import orbital_map
+from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig
+from lunar_rover_sim.ground.world.site import Site
+
+RECIPE = {'size_m': 25.6, 'cell_m': 0.1, 'site_km': 0.5, 'rocks': {'abundance': 0.05},
+          'craters': {'max_diameter_m': 30.0},
+          'surroundings': {'samples': 65, 'extent_m': 60.0}}
+TRUE = OrbitalConfig(photo_pixel_m=0.0, height_stddev_m=0.0, bias_stddev_m=0.0,
+                     tilt_stddev_deg=0.0, crater_place_m=0.0, crater_size=0.0)
+FAR = (-179.2, 230.4)
+
+
+@pytest.fixture(name='site', scope='module')
+def _site(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path_factory.mktemp('cache')))
+        patch.setattr(mapped_ground, '_CELLS', 128)     # several tiles
+        yield Site(WorldConfig.from_mapping(RECIPE), 3)
+
+
+def test_a_map_of_a_window_is_one_of_all_of_its_site(site):
+    made = orbital_map(site.window((12.8, 0.0)), TRUE)
+    assert made.bounds_m == pytest.approx((-243.2, -243.2, 243.2, 243.2), abs=2.0)
+    assert np.isfinite(made.heights_m).all()
+    for middle in ((0.0, 0.0), FAR):
+        ground = site.window(middle).ground
+        first, pixel = np.array(made.first_m), made.pixel_m
+        cell = np.rint((np.array(middle) - first) / pixel).astype(int)
+        for column, row in cell + np.array([(0, 0), (-4, 3), (5, 5), (3, -5)]):
+            offsets = (np.arange(40) + 0.5) / 40 * pixel - 0.5 * pixel
+            places = first + pixel * np.array([column, row]) + np.stack(
+                np.meshgrid(offsets, offsets), axis=-1)
+            # Without craters of less than 6.4 m, and soil at the feet of rocks.
+            assert abs(made.heights_m[row, column] - ground.height_at(places).mean()) < 0.15
+
+
+def test_its_craters_and_rocks_are_those_of_the_windows(site):
+    ground, window = MappedGround.of(site, 2.0), site.window(FAR)
+    mapped = ground.craters(4.0)
+    there = window.craters.select((window.craters.diameter_m >= 4.0) & (
+        np.abs(window.craters.position_m).max(axis=1) < ground.half_extent_m))
+    assert len(there) > 5 and np.isin(there.key, mapped.key).all()
+    rocks = ground.rocks(0.3, window.ground.box_m)
+    large = window.rocks.select(window.rocks.diameter_m >= 0.3)
+    keys, i, j = np.intersect1d(large.key, rocks.key, return_indices=True)
+    assert len(keys) == len(large) > 3 and len(np.unique(rocks.key)) == len(rocks)
+    np.testing.assert_array_equal(large.position_m[i, :2], rocks.position_m[j, :2])
+    # The map is without craters of less than 6.4 m, in which some lie.
+    assert np.median(np.abs(large.position_m[i, 2] - rocks.position_m[j, 2])) < 0.1
+
+
+def test_a_photo_has_no_seams_between_tiles(site):
+    made = orbital_map(site, dataclasses.replace(TRUE, photo_pixel_m=1.0, photo_noise=0.0))
+    values = made.photo.astype(float)
+    assert made.photo.min() > 0
+    for seam in (128 * 0.8, 0.0, -128 * 0.8):
+        line = round((seam - made.photo_first_m[0]) / 1.0)
+        for way in (values, values.T):
+            at = np.abs(np.diff(way[:, line - 1:line + 2], axis=1)).mean()
+            usual = np.abs(np.diff(way[:, line - 20:line + 20], axis=1)).mean()
+            assert at < 1.5 * usual
+
+
+def test_a_goal_anywhere_on_the_site_is_on_the_plan(site):
+    costs = GroundCosts.of(orbital_map(site, OrbitalConfig(photo_pixel_m=0.0)))
+    half = np.array(costs.cost.shape[::-1]) * costs.cell_m
+    assert np.all(costs.low_m <= np.full(2, -240.0)) and np.all(costs.low_m + half >= 240.0)
+    assert costs.known.all() and np.isfinite(costs.cost).mean() > 0.9
+
+
+def test_a_map_that_would_not_be_held_is_refused(site):
+    with pytest.raises(WorldError, match=r'photo_pixel_m: 0\.02 is not valid; valid is 0\.0405 to '
+                       r'60\.8 \[m\], for 486\.4 m of ground; extent_m makes that smaller'):
+        orbital_map(site, dataclasses.replace(TRUE, photo_pixel_m=0.02))
