@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import closing, suppress
+from contextlib import suppress
 import functools
 import heapq
 from operator import itemgetter
-from pathlib import Path, PurePath
-import re
-import sqlite3
-from typing import Any, BinaryIO, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from mcap.reader import make_reader
-from mcap.records import Channel
-from mcap.stream_reader import StreamReader
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
@@ -22,21 +17,19 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import (get_types_from_idl, get_types_from_msg, get_typestore, Stores,
                              TypesysError)
 from rosbags.typesys.store import Typestore
-import yaml
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.message_validity import image_problem, pixels
 from lunar_rover_sim.bag.messages import header_ns, pose_matrix
-from lunar_rover_sim.bag.qos import qos_of_text
+from lunar_rover_sim.bag.metadata import (check_files, check_stored_profiles, check_told_profiles,
+                                          file_counts, information, is_count, storage_files)
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.base import topics as contract
 from lunar_rover_sim.base.closing import Closing
 from lunar_rover_sim.base.errors import BagError, brief, check_path, one_line
-from lunar_rover_sim.base.files.paths import check_regular, recorded_bag
-from lunar_rover_sim.base.files.yaml_text import FAST_LOADER
+from lunar_rover_sim.base.files.paths import recorded_bag
 from lunar_rover_sim.base.parameters import nearest
 
-_MOST_BYTES = 1 << 24    # of metadata.yaml
 _LATE_NS = 500_000_000   # bags of other recorders hold messages by the time of their arrival
 
 
@@ -98,9 +91,9 @@ class Bag(Closing):
             told = information(self.path)
             self.file_counts = {self.path / name: count
                                 for name, count in file_counts(self.path, told).items()}
-            _check_told_profiles(self.path, told)
+            check_told_profiles(self.path, told)
         for file in self.file_counts:
-            _check_stored_profiles(file)
+            check_stored_profiles(file)
         try:
             self._reader = Reader(self.path)
             self._reader.open()
@@ -412,32 +405,6 @@ def open_bag(path: Path | str) -> Bag:
     return Bag(recorded_bag(path))
 
 
-def check_files(path: Path) -> None:
-    """Raise BagError if a bag, or a file in its folder, is a pipe or a device: they never end."""
-    try:
-        if not path.is_dir():
-            check_regular(path, BagError)
-            return
-        for file in path.iterdir():
-            if file.exists() and not file.is_dir():
-                check_regular(file, BagError)
-        metadata = path / marker.METADATA_NAME
-        if metadata.is_file() and metadata.stat().st_size > _MOST_BYTES:
-            raise BagError(f'{metadata}: larger than {_MOST_BYTES} bytes')
-    except OSError as error:
-        raise BagError(f'{path}: cannot be read: {error.strerror}') from None
-
-
-def storage_files(path: Path) -> list[Path]:
-    """Return the storage files of a bag folder, by their numbers; BagError where there is none."""
-    for suffix in ('.mcap', '.db3'):
-        files = sorted(path.glob(f'*{suffix}'), key=lambda file: (
-            [int(part) for part in re.findall(r'\d+', file.stem)[-1:]], file.name))
-        if files:
-            return files
-    raise BagError(f'{path}: is no bag: it holds neither .mcap nor .db3 files')
-
-
 def _words(error: Exception) -> str:
     if isinstance(error, MemoryError):
         return 'it names a length that no memory holds'
@@ -478,93 +445,3 @@ def _typestore(definitions: tuple[tuple[str, MessageDefinition, str], ...]) -> T
             raise TypesysError(f'the definition of {name} has the hash {found}; the bag states '
                                f'{stated}')
     return store
-
-
-def is_count(value: object) -> bool:
-    """Return whether a value is a whole number >= 0 of 64 bits."""
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 63
-
-
-def information(bag: Path) -> Any:
-    """Return what metadata.yaml of a bag folder says; BagError if it cannot be read."""
-    where = bag / marker.METADATA_NAME
-    try:
-        with where.open('rb') as file:
-            return yaml.load(file, FAST_LOADER)['rosbag2_bagfile_information']  # noqa: S506
-    except (OSError, yaml.YAMLError, RecursionError, LookupError, TypeError, ValueError) as error:
-        raise BagError(f'{where}: cannot be read: {one_line(error)[:200]}') from None
-
-
-# rosbags reads YAML by a parser that crashes where it is nested too deeply; PyYAML refuses that.
-def _check_told_profiles(bag: Path, told: Any) -> None:
-    """Raise BagError for QoS in metadata.yaml, as text, that is no YAML."""
-    with suppress(LookupError, TypeError, AttributeError):      # rosbags names what is missing
-        for entry in told['topics_with_message_count']:
-            _check_profile(bag, entry['topic_metadata'].get('offered_qos_profiles'))
-
-
-def _check_stored_profiles(file: Path) -> None:
-    """Raise BagError for QoS in a storage file that is no YAML."""
-    texts: list[object] = []
-    if file.suffix == '.mcap':
-        # Whatever is damaged here, rosbags finds too.
-        with suppress(Exception), file.open('rb') as stream:
-            for channel in _channels(stream):
-                texts.append(channel.metadata.get('offered_qos_profiles'))
-    else:
-        with suppress(sqlite3.Error), closing(sqlite3.connect(
-                f'{file.absolute().as_uri()}?mode=ro', uri=True)) as database:
-            texts = [row[0] for row in database.execute('SELECT offered_qos_profiles FROM topics')]
-    for text in texts:
-        _check_profile(file, text)
-
-
-def _channels(stream: BinaryIO) -> Iterator[Channel]:
-    """Yield the channels of an MCAP file; where it has no summary, those among its messages."""
-    summary = make_reader(stream).get_summary()
-    if summary is not None and summary.channels:
-        yield from summary.channels.values()
-        return
-    stream.seek(0)
-    for record in StreamReader(stream).records:
-        if isinstance(record, Channel):
-            yield record
-
-
-def _check_profile(where: Path, text: object) -> None:
-    if isinstance(text, str):
-        try:
-            qos_of_text(text)
-        except BagError as error:
-            raise BagError(f'{where}: {error}') from None
-
-
-def file_counts(bag: Path, told: Any) -> dict[str, int | None]:
-    """Return file → number of its messages by metadata.yaml, in the order of time.
-
-    Metadata before version 5 has no numbers: they are None.
-
-    Args:
-        told: `information` of the bag.
-
-    Raises:
-        BagError: a file is listed only in one of the two lists, or twice, or its number is none.
-    """
-    where = bag / marker.METADATA_NAME
-    try:
-        names = [PurePath(path).name for path in told['relative_file_paths']]
-        listed = told.get('files') or []
-        entries = [(PurePath(entry['path']).name, entry['message_count']) for entry in listed]
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise BagError(f'{where}: the list of files cannot be read: '
-                       f'{one_line(error)[:200]}') from None
-    for name, count in entries:
-        if not is_count(count):
-            raise BagError(f'{where}: message_count of {brief(name)}: {brief(count)} is not '
-                           'valid; valid is a whole number >= 0 of 64 bits')
-    if len(set(names)) < len(names):
-        raise BagError(f'{where}: relative_file_paths: a file is named twice')
-    if entries and sorted(name for name, _ in entries) != sorted(names):
-        raise BagError(f'{where}: files: {brief([name for name, _ in entries])} is not valid; '
-                       f'valid are the files of relative_file_paths, {brief(names)}')
-    return dict(entries) if entries else dict.fromkeys(names)

@@ -1,9 +1,8 @@
 """Making a bag readable whose recording was cut off: by a kill, a full disk, a power cut.
 
-MCAP: the complete chunks of a cut file are written to a new file with an index; mcap's stream
-reader needs none. Whole files of a bag that is split stay as they are. SQLite: the database rolls
-back what was not committed, and the `metadata.yaml` that is missing is made from its tables, as
-`ros2 bag reindex` does.
+The complete chunks of a cut MCAP file are written to a new file with an index; mcap's stream
+reader needs none. Whole files of a bag that is split stay as they are. Bags in SQLite, which this
+package does not record, are left to `ros2 bag reindex`.
 """
 
 from __future__ import annotations
@@ -13,45 +12,41 @@ import contextlib
 import logging
 from pathlib import Path
 import shutil
-import sqlite3
 from typing import Any, BinaryIO
 
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import breakup_chunk, StreamReader
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.metadata import dump_qos_v9
-import yaml
 
 from lunar_rover_sim.bag import marker
+from lunar_rover_sim.bag.metadata import (bag_information, check_files, storage_files, StorageFile,
+                                          write_metadata)
 from lunar_rover_sim.bag.qos import qos_of_text
-from lunar_rover_sim.bag.reader import check_files, open_bag, storage_files, typestore_of
-from lunar_rover_sim.bag.writer import (bag_information, BagWriter, in_words, StorageFile, VERSION,
-                                        write_metadata)
+from lunar_rover_sim.bag.reader import open_bag, typestore_of
+from lunar_rover_sim.bag.writer import BagWriter, in_words
 from lunar_rover_sim.base.errors import BagError
-
-DISK_ERRORS = (OSError, sqlite3.Error)
 
 logger = logging.getLogger(__name__)
 
 _PARTIAL = '.recovered.partial'
 _MOST_BYTES = 1 << 30     # of a record; more is no record of a bag
-_ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'     # RFC 8878, 3.1.1; CDR begins with a zero byte
 
 
 def recover(path: Path | str, output: Path | str | None = None) -> int:
     """Make a cut-off bag readable and return its number of messages.
 
-    What lies behind the last complete chunk (MCAP) or the last commit (SQLite) is dropped. The
-    bag stays marked incomplete, since its recording was not finished or its end is lost.
+    What lies behind the last complete chunk is dropped. The bag stays marked incomplete, since its
+    recording was not finished or its end is lost.
 
     Args:
-        path: The bag folder. Its storage file is replaced when the new one is complete.
+        path: The bag folder. Its files that are cut off are replaced when new ones are complete.
         output: New folder for the readable bag, on another disk for instance; `path` stays as it
             is but for its mark.
 
     Raises:
-        BagError: There is nothing to read or nothing to recover, the bag is still being recorded,
-            or the disk has no space for the new file.
+        BagError: There is nothing to read or to recover, the bag is still being recorded or is in
+            SQLite, or the disk has no space for the new file.
     """
     path = Path(path)
     if not path.is_dir():
@@ -64,21 +59,18 @@ def recover(path: Path | str, output: Path | str | None = None) -> int:
     if output is not None and Path(output).exists():
         raise BagError(f'{output}: exists already and is not overwritten; name another bag')
     files = storage_files(path)
+    if files[0].suffix != '.mcap':
+        raise BagError(f'{files[0]}: only MCAP files are recovered; `ros2 bag reindex` makes the '
+                       'metadata of others')
     try:
         marker.mark(path, reason)
         with marker.lock(path):
             if (path / marker.METADATA_NAME).is_file() and output is None and not cut:
                 return _count(path)     # its index was written before the recording failed
-            if files[0].suffix == '.mcap':
-                return _recover_mcap(files, None if output is None else Path(output), reason)
-            file = files[0]
-            if output is not None:
-                _need_space(Path(output).parent, file.stat().st_size)
-                shutil.copytree(path, output)
-            return _recover_sqlite(Path(output or path) / file.name, reason)
+            return _recover_mcap(files, None if output is None else Path(output), reason)
     except BlockingIOError:
         raise BagError(f'{path}: is still being recorded') from None
-    except DISK_ERRORS as error:
+    except OSError as error:
         raise BagError(f'{path}: cannot be recovered: {in_words(error)}') from None
 
 
@@ -145,8 +137,7 @@ def _information_of(files: Sequence[Path], reason: str) -> tuple[dict[str, Any],
                         getattr(c.ext, 'offered_qos_profiles', [])),
                     'type_description_hash': typestore.hash_rihs01(c.msgtype),
                 }, before + c.msgcount)
-    information = bag_information(found, 'mcap', {'incomplete': reason}, 'jazzy',
-                                  list(topics.values()))
+    information = bag_information(found, {'incomplete': reason}, 'jazzy', list(topics.values()))
     return information, sum(file.count for file in found)
 
 
@@ -224,47 +215,3 @@ def _complete_records(stream: BinaryIO) -> Iterator[tuple[McapRecord, bool]]:
                 yield record, False
     except Exception:  # whatever mcap and its decompressors make of the broken end
         return
-
-
-def _recover_sqlite(file: Path, reason: str) -> int:
-    """Roll back what was not committed and write metadata.yaml; return the number of messages."""
-    with contextlib.closing(sqlite3.connect(f'{file.absolute().as_uri()}?mode=rw',
-                                            uri=True)) as database:
-        information, count = _information(database, file.name, reason)
-        with database:
-            database.execute('INSERT INTO metadata(metadata_version, metadata) VALUES(?, ?)',
-                             (VERSION, yaml.safe_dump(information)))
-    write_metadata(file.parent, information)
-    return count
-
-
-def _profiles(text: object) -> Any:
-    """Return the offered QoS as metadata.yaml has it; none if it cannot be read."""
-    try:
-        return yaml.safe_load(str(text)) or []
-    except (yaml.YAMLError, RecursionError, ValueError):
-        return []
-
-
-def _information(database: sqlite3.Connection, name: str,
-                 reason: str) -> tuple[dict[str, Any], int]:
-    """Return what metadata.yaml says of the storage file `name`, and its number of messages."""
-    sample = database.execute('SELECT data FROM messages LIMIT 1').fetchone()
-    if sample is None:
-        raise BagError(f'{name}: holds no message; there is nothing to recover')
-    compressed = isinstance(sample[0], bytes) and sample[0][:4] == _ZSTD_MAGIC
-    counts = dict(database.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id'))
-    start_ns, end_ns = database.execute(
-        'SELECT min(timestamp), max(timestamp) FROM messages').fetchone()
-    if not isinstance(start_ns, int) or not isinstance(end_ns, int):     # SQLite stores any type
-        raise BagError(f'{name}: is damaged: the time of a message is not a whole number')
-    topics = [({'name': topic, 'type': msgtype, 'serialization_format': encoding,
-                'offered_qos_profiles': _profiles(qos), 'type_description_hash': type_hash},
-               counts.get(key, 0))
-              for key, topic, msgtype, encoding, qos, type_hash in database.execute(
-                  'SELECT id, name, type, serialization_format, offered_qos_profiles, '
-                  'type_description_hash FROM topics ORDER BY id')]
-    file = StorageFile(name, start_ns, end_ns, sum(counts.values()))
-    information = bag_information([file], 'sqlite3', {'incomplete': reason}, 'jazzy', topics,
-                                  'zstd' if compressed else '')
-    return information, file.count

@@ -13,7 +13,8 @@ import math
 import time
 from typing import TypeVar
 
-from lunar_rover_sim.bag.reader import Bag, information
+from lunar_rover_sim.bag.metadata import information
+from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import BagError
 from lunar_rover_sim.base.topics import DEPTH_FRAME, FRAME, STATE

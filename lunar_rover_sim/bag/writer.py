@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-import dataclasses
 import json
 import os
 from pathlib import Path
@@ -31,40 +30,18 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysEr
 from rosbags.typesys.store import Typestore
 
 from lunar_rover_sim.bag import marker
+from lunar_rover_sim.bag.metadata import bag_information, StorageFile, write_metadata
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.bag.totals import REAL_TIME_FACTOR, RECORDED_COUNTS
 from lunar_rover_sim.base.errors import BagError, one_line
-from lunar_rover_sim.base.files.atomic import atomic_write, sync_folder
+from lunar_rover_sim.base.files.atomic import sync_folder
 from lunar_rover_sim.base.files.yaml_text import yaml_of
 
 COMPRESSIONS = {'none': CompressionType.NONE, 'zstd': CompressionType.ZSTD}
-VERSION = 9             # of the metadata, as ROS 2 Jazzy writes it
 
-_NEVER_NS = 2**63 - 1   # start of a bag without messages, as rosbag2 writes it
 _SYNC_BYTES = 64 << 20  # written before the disk is asked to begin with them
 _LIBRARY = 'lunar_rover_sim'
-
-
-@dataclasses.dataclass
-class StorageFile:
-    """One storage file of a bag.
-
-    Attributes:
-        name: Of the file.
-        start_ns, end_ns: Bag times of its first and last message [ns].
-        count: Its messages.
-    """
-
-    name: str
-    start_ns: int = _NEVER_NS
-    end_ns: int = 0
-    count: int = 0
-
-    def add(self, bag_ns: int) -> None:
-        """Note a message at a bag time [ns]."""
-        self.start_ns, self.end_ns = min(self.start_ns, bag_ns), max(self.end_ns, bag_ns)
-        self.count += 1
 
 
 class BagWriter:
@@ -268,7 +245,7 @@ class BagWriter:
                      custom: dict[str, str]) -> dict[str, Any]:
         """Return what metadata.yaml says of the files so far."""
         return bag_information(
-            files, 'mcap', custom, self._distribution,
+            files, custom, self._distribution,
             [({'name': topic, 'type': msgtype, 'serialization_format': 'cdr',
                'offered_qos_profiles': self._profiles[topic],
                'type_description_hash': self._typestore.hash_rihs01(msgtype)},
@@ -340,43 +317,6 @@ def _register(typestore: Typestore, msgtype: str, definition: str) -> None:
     trial.register(types)
     trial.hash_rihs01(msgtype)
     typestore.register(types)
-
-
-def bag_information(files: Sequence[StorageFile], storage: str, custom: dict[str, str],
-                    distribution: str, topics: list[tuple[dict[str, Any], int]],
-                    compression: str = '') -> dict[str, Any]:
-    """Return what metadata.yaml says of a bag.
-
-    Args:
-        files: Its storage files, in the order of time.
-        storage: mcap or sqlite3.
-        custom: Custom data.
-        distribution: Of ROS 2.
-        topics: Metadata of each topic, and the number of its messages.
-        compression: Format of the compression of each message; empty for none.
-    """
-    whole = StorageFile('', min(file.start_ns for file in files),
-                        max(file.end_ns for file in files), sum(file.count for file in files))
-
-    def span(file: StorageFile) -> dict[str, Any]:
-        return {'starting_time': {'nanoseconds_since_epoch': file.start_ns},
-                'duration': {'nanoseconds': max(0, file.end_ns - file.start_ns)},
-                'message_count': file.count}
-
-    return {'version': VERSION, 'storage_identifier': storage,
-            'relative_file_paths': [file.name for file in files],
-            **span(whole), 'topics_with_message_count': [
-                {'topic_metadata': metadata, 'message_count': number}
-                for metadata, number in topics],
-            'compression_format': compression,
-            'compression_mode': 'message' if compression else '',
-            'files': [{'path': file.name, **span(file)} for file in files],
-            'custom_data': custom or None, 'ros_distro': distribution}
-
-
-def write_metadata(bag: Path, information: dict[str, Any]) -> None:
-    """Write metadata.yaml of a bag; raise OSError where the disk is full."""
-    atomic_write(bag / marker.METADATA_NAME, yaml_of({'rosbag2_bagfile_information': information}))
 
 
 def in_words(error: BaseException) -> str:

@@ -153,12 +153,6 @@ def cut_mcap(folder: Path) -> None:
     file.write_bytes(file.read_bytes()[:-2000])
 
 
-def cut_sqlite(folder: Path) -> None:
-    """A bag in SQLite whose recording was killed."""
-    _bag(folder, storage='sqlite3')
-    (folder / 'bag' / 'metadata.yaml').unlink()
-
-
 def cut_end(folder: Path) -> None:
     """A finished bag, of which the end of the file is lost: its metadata are intact."""
     _bag(folder)

@@ -35,7 +35,7 @@ from lunar_rover_sim.judge.evaluation.trajectory_sources import load  # noqa: E4
 from lunar_rover_sim.judge.slam.graph import from_bag  # noqa: E402
 from lunar_rover_sim.products.inspection.check import check  # noqa: E402
 from lunar_rover_sim.products.sequences.sensors import described_sensors  # noqa: E402
-from lunar_rover_sim.rover.rover_file import load_rover  # noqa: E402
+from lunar_rover_sim.rover.description import load_rover  # noqa: E402
 from lunar_rover_sim.sensors.imu import ImuConfig  # noqa: E402
 
 PERIOD_NS = 5_000_000   # of the IMU
