@@ -90,9 +90,8 @@ def system_options(function: options.Function) -> options.Function:
 @_file
 @_sensor
 @click.option('--features', type=int, default=2000, metavar='N', help='keypoints per image')
-@click.option('--legacy', is_flag=True, help='the layout before File.version 1.0')
 @options.overrides(fast=True)
-def settings(source: str, output: Path, sensor: str, features: int, legacy: bool,
+def settings(source: str, output: Path, sensor: str, features: int,
              overrides: list[str]) -> int:
     """Write the settings file of ORB-SLAM3 for a bag or a scenario.
 
@@ -112,7 +111,7 @@ def settings(source: str, output: Path, sensor: str, features: int, legacy: bool
             scenario.rover, render.camera, scenario.physics_node.imu,
             render.frame_rate_hz / (render.depth_every if has_depth else 1),
             scenario.physics_node.state_rate_hz, scenario.physics_node.gravity_mps2)
-    text = settings_text(suite, sensor, legacy, features)
+    text = settings_text(suite, sensor, features)
     options.refuse_existing(output, option=False)
     atomic_write(output, text, SlamError)
     say(output)

@@ -1,4 +1,4 @@
-"""Settings files of ORB-SLAM3, version 1.0 and the older layout.
+"""Settings files of ORB-SLAM3, version 1.0.
 
 Its readers require, without documenting it: every real number with a decimal point, whole numbers
 (width, height, fps, counts) without one, `Viewer.*` also without a viewer. A pinhole camera
@@ -8,8 +8,6 @@ hence the large number of features.
 """
 
 from __future__ import annotations
-
-import numpy as np
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.frames import Array
@@ -27,13 +25,11 @@ _GRAVITY_NOTE = (
 _THRESHOLD_BASELINES = 60.0
 
 
-def settings(suite: SensorSuite, sensor: str, legacy: bool = False,
-             features: int = 2000) -> str:
+def settings(suite: SensorSuite, sensor: str, features: int = 2000) -> str:
     """Return the text of a settings file.
 
     Args:
         sensor: `mono`, `stereo`, `stereo-inertial` or `rgbd`.
-        legacy: The layout before File.version 1.0.
         features: Keypoints per image.
 
     Raises:
@@ -44,8 +40,8 @@ def settings(suite: SensorSuite, sensor: str, legacy: bool = False,
     if sensor == 'stereo-inertial' and not suite.imu_rate_hz > 0.0:
         raise ConfigError('sensor: stereo-inertial needs an IMU, and there is no signal of one')
     lines = ['%YAML:1.0', '']
-    lines += (_legacy if legacy else _version_1)(suite, sensor)
-    lines += _imu(suite, 'Tbc' if legacy else 'IMU.T_b_c1') if sensor.endswith('inertial') else []
+    lines += _cameras(suite, sensor)
+    lines += _imu(suite) if sensor.endswith('inertial') else []
     lines += ['', f'ORBextractor.nFeatures: {features}', 'ORBextractor.scaleFactor: 1.2',
               'ORBextractor.nLevels: 8', 'ORBextractor.iniThFAST: 20',
               'ORBextractor.minThFAST: 5', '']
@@ -57,12 +53,13 @@ def settings(suite: SensorSuite, sensor: str, legacy: bool = False,
     return '\n'.join(lines) + '\n'
 
 
-def _version_1(suite: SensorSuite, sensor: str) -> list[str]:
+def _cameras(suite: SensorSuite, sensor: str) -> list[str]:
     lines = ['File.version: "1.0"', '', 'Camera.type: "PinHole"']
     lines += _intrinsics(suite, 'Camera1.')
     if sensor.startswith('stereo'):
         lines += _intrinsics(suite, 'Camera2.')
-    lines += ['', *_image(suite)]
+    lines += ['', f'Camera.width: {suite.width}', f'Camera.height: {suite.height}',
+              f'Camera.fps: {max(1, round(suite.frame_rate_hz))}', 'Camera.RGB: 1']
     if sensor != 'mono':
         lines += ['', f'Stereo.ThDepth: {_real(_THRESHOLD_BASELINES)}']
     if sensor.startswith('stereo'):
@@ -70,22 +67,6 @@ def _version_1(suite: SensorSuite, sensor: str) -> list[str]:
     if sensor == 'rgbd':
         lines += [f'Stereo.b: {_real(suite.baseline_m)}',
                   f'RGBD.DepthMapFactor: {_real(DEPTH_FACTOR)}']
-    return lines
-
-
-def _legacy(suite: SensorSuite, sensor: str) -> list[str]:
-    lines = ['Camera.type: "PinHole"', *_intrinsics(suite, 'Camera.'), '', *_image(suite)]
-    if sensor != 'mono':
-        lines += ['', f'Camera.bf: {_real(suite.focal_px[0] * suite.baseline_m)}',
-                  f'ThDepth: {_real(_THRESHOLD_BASELINES)}']
-    if sensor == 'rgbd':
-        lines.append(f'DepthMapFactor: {_real(DEPTH_FACTOR)}')
-    if sensor.startswith('stereo'):
-        for side, baseline_m in (('LEFT', 0.0), ('RIGHT', suite.baseline_m)):
-            lines += ['', f'{side}.height: {suite.height}', f'{side}.width: {suite.width}',
-                      *_matrix(f'{side}.D', np.array([suite.distortion]), 'd'),
-                      *_matrix(f'{side}.K', suite.K, 'd'), *_matrix(f'{side}.R', np.eye(3), 'd'),
-                      *_matrix(f'{side}.P', suite.P(baseline_m), 'd')]
     return lines
 
 
@@ -97,15 +78,10 @@ def _intrinsics(suite: SensorSuite, prefix: str) -> list[str]:
     return [f'{prefix}{name}: {_real(value)}' for name, value in values.items()]
 
 
-def _image(suite: SensorSuite) -> list[str]:
-    return [f'Camera.width: {suite.width}', f'Camera.height: {suite.height}',
-            f'Camera.fps: {max(1, round(suite.frame_rate_hz))}', 'Camera.RGB: 1']
-
-
-def _imu(suite: SensorSuite, mount: str) -> list[str]:
+def _imu(suite: SensorSuite) -> list[str]:
     noise = suite.noise
     return ['', *_GRAVITY_NOTE, f'IMU.Gravity: {_real(suite.gravity_mps2)}',
-            *_matrix(mount, suite.T_imu_left),
+            *_matrix('IMU.T_b_c1', suite.T_imu_left),
             f'IMU.NoiseGyro: {_real(noise.gyro_noise_density)}',
             f'IMU.NoiseAcc: {_real(noise.accel_noise_density)}',
             f'IMU.GyroWalk: {_real(noise.gyro_bias_random_walk)}',
@@ -113,11 +89,11 @@ def _imu(suite: SensorSuite, mount: str) -> list[str]:
             f'IMU.Frequency: {_real(suite.imu_rate_hz)}']
 
 
-def _matrix(name: str, values: Array, dtype: str = 'f') -> list[str]:
+def _matrix(name: str, values: Array) -> list[str]:
     rows, columns = values.shape
     numbers = ', '.join(_real(value) for value in values.ravel())
     return [f'{name}: !!opencv-matrix', f'   rows: {rows}', f'   cols: {columns}',
-            f'   dt: {dtype}', f'   data: [{numbers}]']
+            '   dt: f', f'   data: [{numbers}]']
 
 
 def _real(value: float) -> str:

@@ -274,17 +274,15 @@ def test_bad_export(tmp_path, items, bag):
     assert not [p for p in tmp_path.iterdir() if 'partial' in p.name]
 
 
-@pytest.mark.parametrize('legacy', [False, True])
 @pytest.mark.parametrize('sensor', SENSORS)
-def test_settings_are_what_opencv_reads(tmp_path, bag, sensor, legacy):
+def test_settings_are_what_opencv_reads(tmp_path, bag, sensor):
     with open_bag(bag) as recording:
         suite = recorded_sensors(recording)
-    text = settings(suite, sensor, legacy)
+    text = settings(suite, sensor)
     path = tmp_path / 'settings.yaml'
     path.write_text(text)
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-    prefix = 'Camera.' if legacy else 'Camera1.'
-    assert storage.getNode(prefix + 'fx').real() == synthetic.FOCAL_PX
+    assert storage.getNode('Camera1.fx').real() == synthetic.FOCAL_PX
     assert storage.getNode('Camera.width').isInt()
     for line in text.splitlines():
         match = re.fullmatch(r'([\w.]+): ([^!\s]+)', line)
@@ -292,23 +290,20 @@ def test_settings_are_what_opencv_reads(tmp_path, bag, sensor, legacy):
             node = storage.getNode(match[1])
             whole = match[1] in ('Camera.width', 'Camera.height', 'Camera.fps', 'Camera.RGB',
                                  'ORBextractor.nFeatures', 'ORBextractor.nLevels',
-                                 'ORBextractor.iniThFAST', 'ORBextractor.minThFAST',
-                                 'LEFT.width', 'LEFT.height', 'RIGHT.width', 'RIGHT.height')
+                                 'ORBextractor.iniThFAST', 'ORBextractor.minThFAST')
             assert node.isInt() if whole else node.isReal(), line
     if sensor == 'stereo-inertial':
-        T = storage.getNode('Tbc' if legacy else 'IMU.T_b_c1').mat()
+        T = storage.getNode('IMU.T_b_c1').mat()
         assert np.allclose(T, synthetic.T_base_camera(+1.0), atol=1e-6)
     # With an IMU, ORB-SLAM3 must know of the Moon.
     assert ('GRAVITY_VALUE' in text) == (sensor == 'stereo-inertial')
     gravity = storage.getNode('IMU.Gravity')
     assert gravity.real() == 1.62 if sensor == 'stereo-inertial' else gravity.empty()
-    if sensor.startswith('stereo') and not legacy:
+    if sensor.startswith('stereo'):
         T = storage.getNode('Stereo.T_c1_c2').mat()
         expected = np.eye(4)
         expected[0, 3] = 0.1
         assert np.allclose(T, expected, atol=1e-6)
-    if sensor != 'mono' and legacy:
-        assert storage.getNode('Camera.bf').real() == pytest.approx(synthetic.FOCAL_PX * 0.1)
 
 
 def test_settings_command_and_its_errors(tmp_path, bag):
