@@ -17,6 +17,7 @@ from lunar_rover_sim.judge.studies.gait_measurement import (COMMANDS, CommandTra
                                                             measure_commands, MeasurementSettings)
 from lunar_rover_sim.judge.studies.locomotion import STEADY_FROM_S
 from lunar_rover_sim.judge.studies.terramechanics import Ground, WalkSettings
+from lunar_rover_sim.judge.studies.walking import WalkerSettings
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -60,7 +61,7 @@ def locomotion(scenario: str, overrides: list[str], output: Path, speeds: Sequen
     tracking: list[CommandTracking] = []
     with Progress('walking') as progress:
         cases = pitch.study(
-            table, loaded.rover, physics, gait, sorted(set(speeds)),
+            table, WalkerSettings(loaded.rover, physics, gait), sorted(set(speeds)),
             sorted(set(gravities)), duration, loaded.render_node.camera, progress)
         if not no_commands:
             progress.start('following commands')

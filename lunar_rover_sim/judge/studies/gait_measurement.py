@@ -11,13 +11,12 @@ import numpy as np
 
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.judge.studies.study_folder import map_in_processes
-from lunar_rover_sim.judge.studies.walking import flat_world, STATE_PERIOD_S, walk
-from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.judge.studies.walking import flat_world, STATE_PERIOD_S, walk, WalkerSettings
 from lunar_rover_sim.rover.gait.calibration import (GaitCalibration, ground_conditions,
                                                     rover_conditions, Stride)
 from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.gait.controller import GaitController
-from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.rover.physics.config import StartPose
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.physics.state import TIPPED_DEG
 
@@ -33,22 +32,10 @@ FASTEST_MPS = 0.6
 
 
 @dataclasses.dataclass(frozen=True)
-class MeasurementSettings:
-    """The rover, physics and gait of a measurement, and how long each walk is measured [s].
+class MeasurementSettings(WalkerSettings):
+    """What walks, from the origin, and how long each walk is measured [s]."""
 
-    The walk starts at the origin.
-
-    Raises:
-        ConfigError: If the gait does not suit the spokes.
-    """
-
-    rover: RoverDescription = RoverDescription()
-    physics: PhysicsConfig = PhysicsConfig()
-    gait: GaitConfig = GaitConfig()
     measure_s: float = MEASURE_S
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, 'gait', self.gait.for_rover(self.rover))
 
     def simulation(self) -> Simulation:
         """Return a simulation on flat ground, on which there is room to walk straight on."""

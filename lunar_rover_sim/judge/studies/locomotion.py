@@ -26,7 +26,8 @@ from lunar_rover_sim.base.gravity import EARTH_MPS2, MOON_MPS2
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.judge.studies.gait_measurement import CommandTracking
-from lunar_rover_sim.judge.studies.walking import flat_world, STATE_PERIOD_S, walk, Walk
+from lunar_rover_sim.judge.studies.walking import (flat_world, STATE_PERIOD_S, walk, Walk,
+                                                   WalkerSettings)
 from lunar_rover_sim.products.inspection.tracking import LOST_PX, prediction_miss, PredictionMiss
 from lunar_rover_sim.rover.description import chassis_inertia, RoverDescription
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
@@ -196,30 +197,26 @@ def claims(case: LocomotionCase) -> list[Claim]:
     ]
 
 
-def study(calibration: GaitCalibration, rover: RoverDescription | None = None,
-          physics: PhysicsConfig | None = None, gait: GaitConfig | None = None,
+def study(calibration: GaitCalibration, settings: WalkerSettings = WalkerSettings(),
           speeds_mps: Sequence[float] = SPEEDS_MPS,
           gravities_mps2: Sequence[float] = GRAVITIES_MPS2, duration_s: float = 30.0,
-          camera: CameraConfig | None = None,
-          progress: Callable[[int, int], None] | None = None) -> list[LocomotionCase]:
+          camera: CameraConfig = CameraConfig(),
+          progress: Callable[[int, int], object] = lambda done, total: None
+          ) -> list[LocomotionCase]:
     """Walk and track every speed under every gravity.
 
     Args:
         duration_s: Length of each walk, from the command on [s].
         progress: Called after each case with the number of cases done, and of all.
     """
-    rover = rover or RoverDescription()
-    gait = (gait or GaitConfig()).for_rover(rover)
-    physics = physics or PhysicsConfig()
-    rig = StereoRig(rover, camera or CameraConfig())
+    rig = StereoRig(settings.rover, camera)
     ground, cases = flat_world(), []
     for gravity in gravities_mps2:
-        settings = dataclasses.replace(physics, gravity_mps2=gravity, start=StartPose())
-        with Simulation(ground, rover, settings) as simulation:
+        physics = dataclasses.replace(settings.physics, gravity_mps2=gravity, start=StartPose())
+        with Simulation(ground, settings.rover, physics) as simulation:
             for speed in speeds_mps:
-                cases.append(_case(simulation, calibration, gait, speed, duration_s, rig))
-                if progress is not None:
-                    progress(len(cases), len(gravities_mps2) * len(speeds_mps))
+                cases.append(_case(simulation, calibration, settings.gait, speed, duration_s, rig))
+                progress(len(cases), len(gravities_mps2) * len(speeds_mps))
     return cases
 
 

@@ -21,12 +21,10 @@ from lunar_rover_sim.base.files.results import csv_table, markdown_table, save_f
 from lunar_rover_sim.base.frames import rpy_from_wxyz
 from lunar_rover_sim.ground.regolith.config import GroundConfig, REGOLITH, RIGID
 from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.judge.studies.walking import sloping_world, Walker
-from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.judge.studies.walking import sloping_world, Walker, WalkerSettings
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
-from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.gait.controller import GaitController
-from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.rover.physics.config import StartPose
 from lunar_rover_sim.rover.physics.foot_motion import SlipMeter
 from lunar_rover_sim.rover.physics.simulation import Simulation
 
@@ -57,12 +55,9 @@ class Ground:
 
 
 @dataclasses.dataclass(frozen=True)
-class WalkSettings:
-    """What walks: rover, physics and gait; speed [m/s] and duration [s]."""
+class WalkSettings(WalkerSettings):
+    """What walks; speed [m/s] and duration [s]."""
 
-    rover: RoverDescription = RoverDescription()
-    physics: PhysicsConfig = PhysicsConfig()
-    gait: GaitConfig = GaitConfig()
     speed_mps: float = 0.12
     duration_s: float = 13.0
 

@@ -22,12 +22,9 @@ from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.site import OneWindow
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.judge.studies.study_folder import map_in_processes, StudyFolder
-from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S, Walker
-from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S, Walker, WalkerSettings
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
-from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.gait.controller import GaitController
-from lunar_rover_sim.rover.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.physics.foot_motion import SlipMeter
 from lunar_rover_sim.rover.physics.penetration import TipPenetration
 from lunar_rover_sim.rover.physics.simulation import Simulation
@@ -340,24 +337,11 @@ class TraverseStore(StudyFolder):
 
 
 @dataclasses.dataclass(frozen=True)
-class TraverseSettings:
-    """What drives: rover, physics, gait and path following.
+class TraverseSettings(WalkerSettings):
+    """What drives, how it follows its path, and the simulated time of each drive [s]."""
 
-    Attributes:
-        duration_s: Simulated time of each drive [s].
-
-    Raises:
-        ConfigError: If the gait does not suit the spokes.
-    """
-
-    rover: RoverDescription = RoverDescription()
-    physics: PhysicsConfig = PhysicsConfig()
-    gait: GaitConfig = GaitConfig()
     drive: DriveConfig = DriveConfig()
     duration_s: float = 600.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, 'gait', self.gait.for_rover(self.rover))
 
 
 def traverse(world: World, seed: int, settings: TraverseSettings) -> Traverse:

@@ -13,11 +13,30 @@ from lunar_rover_sim.base.frames import rpy_from_wxyz, tilt_deg, wxyz_from_rpy
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.rocks import Rocks
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.gait.controller import GaitController, LegCommand
+from lunar_rover_sim.rover.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
 
 STATE_PERIOD_S = 0.005   # period of the controller
+
+
+@dataclasses.dataclass(frozen=True)
+class WalkerSettings:
+    """What walks: rover, physics and gait.
+
+    Raises:
+        ConfigError: If the gait does not suit the spokes.
+    """
+
+    rover: RoverDescription = RoverDescription()
+    physics: PhysicsConfig = PhysicsConfig()
+    gait: GaitConfig = GaitConfig()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'gait', self.gait.for_rover(self.rover))
 
 
 @dataclasses.dataclass(frozen=True)
