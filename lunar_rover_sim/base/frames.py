@@ -81,6 +81,14 @@ def matrix_from_wxyz(quat_wxyz: ArrayLike) -> Array:
     return np.ascontiguousarray(np.array(columns).T)
 
 
+def matrix_from_rotvec(rotvec_rad: ArrayLike) -> Array:
+    """Return the (3, 3) rotation by the length of a (3,) vector [rad] about its direction."""
+    vector = np.asarray(rotvec_rad, dtype=float)
+    half = 0.5 * math.sqrt(sum(v * v for v in vector.tolist()))
+    scale = math.sin(half) / (2.0 * half) if half > 0.0 else 0.5
+    return matrix_from_wxyz([math.cos(half), *(scale * vector)])
+
+
 def wxyz_from_matrix(rotation: ArrayLike) -> Array:
     """Return the (4,) unit quaternion, w >= 0, of a (3, 3) rotation (Shepperd, 1978)."""
     m = np.asarray(rotation, dtype=float)

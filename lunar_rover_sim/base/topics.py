@@ -269,9 +269,6 @@ TRAVERSABILITY = Topic('map/traversability', 'nav_msgs/msg/OccupancyGrid', DEPTH
 ELEVATION = Topic('map/elevation', 'sensor_msgs/msg/PointCloud2', EVENT, 'mapping_node',
                   frames.ODOM_FRAME, 'x, y, z [m] and standard deviation of z of the known cells, '
                   'every mapping_node.elevation_period_s')
-GRID_MAP = Topic('map/grid_map', 'grid_map_msgs/msg/GridMap', EVENT, 'mapping_node',
-                 frames.ODOM_FRAME, 'elevation, variance, traversability, beside map/elevation, '
-                 'where grid_map_msgs is installed', in_all=False)
 PLAN = Topic('plan', 'nav_msgs/msg/Path', EVENT, 'navigator_node', frames.ODOM_FRAME,
              'what the navigator follows; sent when it changes, empty without a plan')
 GLOBAL_PLAN = Topic('global_plan', 'nav_msgs/msg/Path', LATCHED, 'navigator_node',
@@ -294,7 +291,7 @@ CONTRACT: tuple[Topic, ...] = (
     MISCALIBRATION, LABEL_CLASSES, VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD,
     *OF_LIDAR, LIDAR_SCANNED, SUN, WORLD_HASH, WORLD_WINDOW, ROBOT_DESCRIPTION, SCENARIO, TF,
     TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_COVARIANCE, SLAM_STATUS, TRAVERSABILITY,
-    ELEVATION, GRID_MAP, PLAN, GLOBAL_PLAN, GOAL, NAVIGATOR_STATUS, NAVIGATED)
+    ELEVATION, PLAN, GLOBAL_PLAN, GOAL, NAVIGATOR_STATUS, NAVIGATED)
 # Latched topics of what changes: sent again then, and none of it is to be lost.
 CHANGING: tuple[Topic, ...] = (SUN, NAVIGATOR_STATUS, GLOBAL_PLAN, WORLD_WINDOW)
 # What the navigator reads; its users publish it.

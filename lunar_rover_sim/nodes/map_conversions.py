@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import array
-import importlib
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -60,41 +59,6 @@ def elevation_cloud(elevation: Elevation, frame_id: str, stamp: Time) -> PointCl
     values = np.stack([x[columns], y[rows], elevation.height_m[rows, columns],
                        elevation.stddev_m()[rows, columns]], axis=-1).astype('<f4')
     return cloud(values.view(_POINT)[:, 0], frame_id, stamp)
-
-
-def grid_map_type() -> Any:
-    """Return grid_map_msgs/GridMap; None where the package is not installed."""
-    try:
-        return importlib.import_module('grid_map_msgs.msg').GridMap
-    except ImportError:
-        return None
-
-
-def fill_grid_map(msg: Any, elevation: Elevation, grid: Traversability, frame_id: str,
-                  stamp: Time) -> Any:
-    """Write elevation, variance and traversability (0 to 1) into a GridMap, and return it.
-
-    Its cells run from the greatest x and y on, column after column, as in ANYbotics' grid_map.
-    """
-    layout = importlib.import_module('std_msgs.msg')
-    msg.header = Header(stamp=stamp, frame_id=frame_id)
-    n, cell = len(elevation.height_m), elevation.cell_m
-    msg.info.resolution, msg.info.length_x, msg.info.length_y = cell, n * cell, n * cell
-    middle = elevation.origin_m + 0.5 * n * cell
-    msg.info.pose.position.x, msg.info.pose.position.y = middle.tolist()
-    msg.info.pose.orientation.w = 1.0
-    share = np.where(grid.cost < 0, np.nan, 1.0 - grid.cost / 100.0)
-    layers = {'elevation': elevation.height_m, 'variance': elevation.stddev_m() ** 2,
-              'traversability': share}
-    msg.layers, msg.basic_layers = list(layers), ['elevation']
-    for values in layers.values():
-        one = layout.Float32MultiArray()
-        one.layout.dim = [
-            layout.MultiArrayDimension(label='column_index', size=n, stride=n * n),
-            layout.MultiArrayDimension(label='row_index', size=n, stride=n)]
-        one.data = values[::-1, ::-1].ravel().astype(np.float32).tolist()
-        msg.data.append(one)
-    return msg
 
 
 def path(points_m: Array, frame_id: str, stamp: Time) -> Path:

@@ -57,9 +57,6 @@ class MappingNode(node_main.GraphNode):
             OccupancyGrid, topics.TRAVERSABILITY.name, qos.offered(topics.TRAVERSABILITY))
         self._elevation = self.create_publisher(PointCloud2, topics.ELEVATION.name,
                                                 qos.offered(topics.ELEVATION))
-        self._grid_map_type = map_conversions.grid_map_type()
-        self._grid_map = None if self._grid_map_type is None else self.create_publisher(
-            self._grid_map_type, topics.GRID_MAP.name, qos.offered(topics.GRID_MAP))
         self._matching = ReaderDiscovery(self, [self._traversability, self._elevation],
                                          config.participants if config.lockstep else ())
         self.report_ready(config, f'{config.map.cells} x {config.map.cells} cells of '
@@ -124,6 +121,3 @@ class MappingNode(node_main.GraphNode):
         self._sent_period = stamp_ns // self._elevation_ns
         elevation = self._map.elevation()
         self._elevation.publish(map_conversions.elevation_cloud(elevation, frame_id, stamp))
-        if self._grid_map is not None and self._grid_map.get_subscription_count():
-            self._grid_map.publish(map_conversions.fill_grid_map(
-                self._grid_map_type(), elevation, grid, frame_id, stamp))

@@ -27,12 +27,12 @@ class Stepping:
         self._wake = wake
         self._changed = threading.Condition()
         self._left = 0
-        self._problem = ''
+        self._problem: str | None = None
 
-    def run(self, count: int) -> str:
-        """Grant steps and wait until they are made; return why they were not, or ''."""
+    def run(self, count: int) -> str | None:
+        """Grant steps and wait until they are made; return why they were not, or None."""
         with self._changed:
-            self._left, self._problem = count, ''
+            self._left, self._problem = count, None
             self._wake()
             self._changed.wait_for(lambda: not self._left)
             return self._problem

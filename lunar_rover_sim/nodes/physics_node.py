@@ -317,8 +317,8 @@ class PhysicsNode(node_main.GraphNode):
         """Put the rover elsewhere; raises PhysicsError."""
         self._simulation.move(position_m, orientation_wxyz, linear_mps, angular_radps)
 
-    def step(self, count: int) -> str:
-        """Advance so many states while paused, and wait for them, in the service's thread."""
+    def step(self, count: int) -> str | None:
+        """Advance so many states while paused, in the service's thread; return why it did not."""
         return self._stepping.run(count)
 
     # Services

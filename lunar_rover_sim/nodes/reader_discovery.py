@@ -127,7 +127,7 @@ class ReaderDiscovery:
             if info.topic_type != type_name:
                 continue
             reason = incompatible(publisher.qos_profile, info.qos_profile)
-            if not reason:
+            if reason is None:
                 result.append(info)
             elif (info.node_namespace, info.node_name) in participants:
                 raise GraphError(f'{publisher.topic_name}: {info.node_name} cannot read it: '
@@ -142,8 +142,8 @@ def check_offer(topic: str, info: TopicEndpointInfo) -> None:
                          f'get lost; {_NEEDED}')
 
 
-def incompatible(offered: QoSProfile, requested: QoSProfile) -> str:
-    """Return why two profiles do not match; '' if they do.
+def incompatible(offered: QoSProfile, requested: QoSProfile) -> str | None:
+    """Return why two profiles do not match; None if they do.
 
     Deadlines and leases are not looked at: discovery writes infinite ones as other numbers than
     profiles do, so that rclpy's own comparison refuses them.
@@ -154,4 +154,4 @@ def incompatible(offered: QoSProfile, requested: QoSProfile) -> str:
     if (requested.reliability == ReliabilityPolicy.RELIABLE
             and offered.reliability == ReliabilityPolicy.BEST_EFFORT):
         return 'it requests RELIABLE, and BEST_EFFORT is offered'
-    return ''
+    return None

@@ -140,7 +140,7 @@ class SimulationServices:
             return self._unsupported(response, f'scope {scope}: valid are SCOPE_STATE, SCOPE_STATE'
                                      ' with SCOPE_TIME, SCOPE_ALL')
         refusal = self._refusal_in_lockstep()
-        if refusal:
+        if refusal is not None:
             return self._result(response, self._msg.Result.RESULT_INCORRECT_STATE, refusal)
         if scope & kinds.SCOPE_TIME:
             self._simulator.restart()
@@ -152,9 +152,9 @@ class SimulationServices:
         """Answer StepSimulation. It returns when the steps are made: not for the node's thread."""
         if not self._simulator.is_paused:
             return self._failed(response, 'time runs: pause it first')
-        problem = self._simulator.step(request.steps) if request.steps else ''
+        problem = self._simulator.step(request.steps) if request.steps else None
         self._is_stopped = self._is_stopped and not request.steps
-        return self._failed(response, problem) if problem else self._ok(response)
+        return self._ok(response) if problem is None else self._failed(response, problem)
 
     def simulate(self, handle: Any, kind: Any) -> Any:
         """Do SimulateSteps, of type `kind`: like `step`, and tell after each step."""
@@ -244,7 +244,7 @@ class SimulationServices:
         if request.entity != ENTITY:
             return self._not_found(response, request.entity)
         refusal = self._refusal_in_lockstep()
-        if refusal:
+        if refusal is not None:
             return self._result(response, self._msg.Result.RESULT_INCORRECT_STATE, refusal)
         state = request.state
         if state.header.frame_id not in ('', 'world', self._simulator.world_frame):
@@ -293,12 +293,12 @@ class SimulationServices:
             return states.STATE_PLAYING
         return states.STATE_STOPPED if self._is_stopped else states.STATE_PAUSED
 
-    def _refusal_in_lockstep(self) -> str:
-        """Return why the rover cannot be touched now; '' if it can."""
+    def _refusal_in_lockstep(self) -> str | None:
+        """Return why the rover cannot be touched now; None if it can."""
         if self._simulator.is_lockstep and not self._simulator.is_paused:
             return ('in lockstep the result would depend on when the request arrives: pause time '
                     'first')
-        return ''
+        return None
 
     def _result(self, response: Any, code: int, message: str = '') -> Any:
         response.result.result, response.result.error_message = code, message

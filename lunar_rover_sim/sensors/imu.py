@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from lunar_rover_sim.bag.messages import xyz
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError, PhysicsError
-from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.frames import Array, matrix_from_rotvec
 from lunar_rover_sim.base.parameters import param, Parameters
 from lunar_rover_sim.sensors.sensor import Content, FROM_PRESET, numbers, over_preset, Sensor
 
@@ -226,17 +226,8 @@ class ImuNoise:
 
 
 def _axes(scale_error: tuple[float, ...], misalignment_deg: tuple[float, ...]) -> Array:
-    """Return the (3, 3) matrix from true signals in IMU axes to those along the sensor axes.
-
-    The misalignment is a rotation vector, made a matrix by Rodrigues' formula.
-    """
-    vector = np.radians(misalignment_deg)
-    angle = float(np.linalg.norm(vector))
-    rotation = np.eye(3)
-    if angle > 0.0:
-        x, y, z = vector / angle
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        rotation += np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    """Return the (3, 3) matrix from true signals in IMU axes to those along the sensor axes."""
+    rotation = matrix_from_rotvec(np.radians(misalignment_deg))
     return np.diag(1.0 + np.asarray(scale_error)) @ rotation.T
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from lunar_rover_sim.bag.messages import wxyz
 from lunar_rover_sim.base import topics
-from lunar_rover_sim.base.frames import Array, wxyz_from_rpy
+from lunar_rover_sim.base.frames import Array, matrix_from_rotvec, matrix_from_wxyz, wxyz_from_rpy
 from lunar_rover_sim.base.parameters import param, Parameters
 from lunar_rover_sim.image.illumination.sun_view import SeenSun
 from lunar_rover_sim.sensors.sensor import Attitude, HEADING, numbers, Platform, Sensor
@@ -59,7 +59,8 @@ class StarCamera:
         self._config, self._rng = config, rng
         # The sensor's axes in base axes, z along the line of sight.
         tilt = np.pi / 2.0 - np.radians(config.elevation_deg)
-        self._R_base_sensor = _matrix(wxyz_from_rpy(0.0, tilt, np.radians(config.yaw_deg)))
+        self._R_base_sensor = matrix_from_wxyz(
+            wxyz_from_rpy(0.0, tilt, np.radians(config.yaw_deg)))
         self._stddev_rad = _ARCSEC * np.array(
             [config.cross_arcsec, config.cross_arcsec, config.roll_arcsec])
 
@@ -82,7 +83,7 @@ class StarCamera:
             return None
         if not c.enabled:
             return R_world_base
-        error = _turn(self._stddev_rad * self._rng.standard_normal(3))
+        error = matrix_from_rotvec(self._stddev_rad * self._rng.standard_normal(3))
         return R_world_base @ self._R_base_sensor @ error @ self._R_base_sensor.T
 
     def covariance_rad2(self, R_world_base: Array) -> Array:
@@ -90,26 +91,6 @@ class StarCamera:
         axes = R_world_base @ self._R_base_sensor
         variance = self._stddev_rad**2 if self._config.enabled else np.zeros(3)
         return axes @ np.diag(variance) @ axes.T
-
-
-# To the last bit as SciPy does, which recorded attitudes came from. Its import took as long as all
-# others of physics_node together, of which this sensor is a part, read or not.
-def _turn(rotvec_rad: Array) -> Array:
-    """Return the (3, 3) rotation of a (3,) rotation vector."""
-    x, y, z = rotvec_rad
-    angle = np.sqrt(x * x + y * y + z * z)
-    square = angle * angle
-    scale = (0.5 - square / 48.0 + square * square / 3840.0 if angle <= 1e-3
-             else np.sin(angle / 2.0) / angle)
-    return _matrix(np.array([np.cos(angle / 2.0), scale * x, scale * y, scale * z]))
-
-
-def _matrix(quat_wxyz: Array) -> Array:
-    w, x, y, z = quat_wxyz
-    ww, xx, yy, zz = w * w, x * x, y * y, z * z
-    return np.array([[xx - yy - zz + ww, 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-                     [2.0 * (x * y + z * w), -xx + yy - zz + ww, 2.0 * (y * z - x * w)],
-                     [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), -xx - yy + zz + ww]])
 
 
 def _within(sight: Array, direction: Array, angle_deg: float) -> bool:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.base import frames
 
@@ -30,6 +31,14 @@ def test_matrices_of_many_quaternions(quats: np.ndarray) -> None:
     assert matrices.shape == (2, 3, 4, 3, 3)
     single = [frames.matrix_from_wxyz(quat) for quat in quats[:24]]
     assert matrices.reshape(24, 3, 3).tolist() == np.array(single).tolist()
+
+
+@pytest.mark.parametrize('angle_rad', [0.0, 1e-12, 1e-4, 0.1, 3.0])
+def test_rotation_vectors(angle_rad: float) -> None:
+    """As SciPy rotates by them, to rounding."""
+    vector = angle_rad * np.array([0.36, -0.48, 0.8])
+    np.testing.assert_allclose(frames.matrix_from_rotvec(vector),
+                               Rotation.from_rotvec(vector).as_matrix(), rtol=0.0, atol=1e-15)
 
 
 def test_rpy_round_trip() -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import contextlib
-import os
 from typing import Any
 
 import gymnasium
@@ -21,7 +19,7 @@ from lunar_rover_sim.image.rendering.config import RenderConfig
 from lunar_rover_sim.image.rendering.layer_pictures import gray8
 from lunar_rover_sim.image.rendering.renderer import Renderer
 
-RENDER_MODES = ('rgb_array', 'human')
+RENDER_MODE = 'rgb_array'
 
 
 class RoverEnv(gymnasium.Env[Any, np.ndarray]):
@@ -37,29 +35,29 @@ class RoverEnv(gymnasium.Env[Any, np.ndarray]):
         privileged_channels: Those of a privileged observation.
     """
 
-    metadata: dict[str, Any] = {'render_modes': list(RENDER_MODES), 'render_fps': 10}
+    metadata: dict[str, Any] = {'render_modes': [RENDER_MODE], 'render_fps': 10}
 
     def __init__(self, task: str, render_mode: str | None = None, **options: Any) -> None:
         """Make the environment of a task.
 
         Args:
             task: walk, gait or reach.
-            render_mode: rgb_array: the chase camera; human: MuJoCo's viewer.
+            render_mode: rgb_array, the chase camera, or None.
             options: Parameters of the task, as `WalkConfig` has them.
 
         Raises:
             ConfigError: An option is not valid.
         """
-        if render_mode not in (None, *RENDER_MODES):
-            raise ConfigError(f'render_mode: {brief(render_mode)} is not valid; valid are '
-                              f'{", ".join(RENDER_MODES)}, or None')
+        if render_mode not in (None, RENDER_MODE):
+            raise ConfigError(f'render_mode: {brief(render_mode)} is not valid; valid is '
+                              f'{RENDER_MODE}, or None')
         self.render_mode = render_mode
         self.task = make_task(task, options)
         self.channels, self.actions = self.task.channels, self.task.actions
         self.privileged_channels = self.task.privileged_channels
         self.observation_space = observation_space(self.task)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.actions),), np.float32)
-        self._picture: ChasePicture | Window | None = None
+        self._picture: ChasePicture | None = None
 
     def reset(self, *, seed: int | None = None,
               options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
@@ -68,10 +66,7 @@ class RoverEnv(gymnasium.Env[Any, np.ndarray]):
         if options:
             raise ConfigError(f'options: {brief(options)} is not valid; valid is None')
         self._end_picture()
-        observation = self.task.reset(self.np_random)
-        if self.render_mode == 'human':
-            self.render()
-        return as_observed(self.task, observation), information(self.task)
+        return as_observed(self.task, self.task.reset(self.np_random)), information(self.task)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Make one decision.
@@ -80,23 +75,19 @@ class RoverEnv(gymnasium.Env[Any, np.ndarray]):
             LearningError: The action has another shape, or is not finite.
         """
         outcome = self.task.step(action)
-        if self.render_mode == 'human':
-            self.render()
         return (as_observed(self.task, outcome.observation), outcome.reward, outcome.terminated,
                 outcome.truncated, information(self.task, outcome))
 
     def render(self) -> Any:
-        """Return (h, w, 3) uint8 of the chase camera; in mode human, show the rover instead.
+        """Return (h, w, 3) uint8 of the chase camera.
 
         Raises:
             RenderError: There is no usable EGL device.
-            ConfigError: There is no display for the window.
         """
         if self.render_mode is None or self.task.simulation is None:
             return None
         if self._picture is None:
-            kind = ChasePicture if self.render_mode == 'rgb_array' else Window
-            self._picture = kind(self.task)
+            self._picture = ChasePicture(self.task)
         return self._picture.draw()
 
     def close(self) -> None:
@@ -170,28 +161,3 @@ class ChasePicture:
     def close(self) -> None:
         """Release the renderer."""
         self._renderer.close()
-
-
-class Window:
-    """Shows a task's rover in MuJoCo's viewer."""
-
-    def __init__(self, task: RoverTask) -> None:
-        """Open the window; raise ConfigError if there is no display."""
-        if not os.environ.get('DISPLAY') and not os.environ.get('WAYLAND_DISPLAY'):
-            raise ConfigError("render_mode: human: there is no display (DISPLAY is not set) for"
-                              " MuJoCo's window")
-        import mujoco.viewer  # it loads GLFW
-        simulation = task.simulation
-        if simulation is None:
-            raise LearningError('render: there is no episode; call reset first')
-        self._owned = contextlib.ExitStack()
-        self._window: Any = self._owned.enter_context(
-            mujoco.viewer.launch_passive(simulation.model, simulation.data))
-
-    def draw(self) -> None:
-        """Show the present state."""
-        self._window.sync()
-
-    def close(self) -> None:
-        """Close the window."""
-        self._owned.close()

@@ -237,7 +237,7 @@ def test_reach_sees_the_ground_ahead_and_nothing_behind():
     ({'randomise': {'delay': [0, 9]}}, 'delay: 9 is not valid'),
     ({'forward_mps': [0.16, 0.08]}, r'forward_mps: \[0.16, 0.08\] .* the least value first'),
     ({'yaw_rate_radps': [0.1, -0.1]}, r'yaw_rate_radps: \[0.1, -0.1\] .* the least value first'),
-    ({'render_mode': 'ascii'}, "render_mode: 'ascii' is not valid; valid are rgb_array, human"),
+    ({'render_mode': 'ascii'}, "render_mode: 'ascii' is not valid; valid is rgb_array, or None"),
 ])
 def test_options_that_are_refused(options, text):
     from lunar_rover_sim.autonomy.learning.environment import RoverEnv
@@ -259,7 +259,7 @@ def test_what_several_refuse():
     for options, text in (({'num_envs': 0}, 'num_envs: 0 is not'),
                           ({'num_envs': True}, 'num_envs: True is not'),
                           ({'num_envs': 2, 'threads': 0}, 'threads: 0 is not'),
-                          ({'num_envs': 2, 'render_mode': 'human'}, 'make one environment')):
+                          ({'num_envs': 2, 'render_mode': 'rgb_array'}, 'make one environment')):
         with pytest.raises(ConfigError, match=text):
             RoverVectorEnv('walk', **options)
     envs = RoverVectorEnv('walk', 2, **{**SHORT, 'ground': 'rigid'})
