@@ -42,11 +42,8 @@ def benchmark(output: Path, scenarios: Sequence[str], sensors: Sequence[str], se
               workers: int, estimator: Callable[[str], Estimator]) -> int:
     """Record drives, run an estimator on each, and make a table.
 
-    Simulate and record each scenario with several seeds, run an estimator with each sensor, and
-    write SYSTEM.md, .csv and .tex, a table with 95 % intervals, SYSTEM_drives.csv, every drive,
-    SYSTEM.html, a report, and in a sweep SYSTEM.png, its curves. What is done already is kept: the
-    same call goes on. Parts of a benchmark that ran on several machines are joined by
-    `slam table`.
+    Writes SYSTEM.md, .csv, .tex, .html and SYSTEM_drives.csv; of a sweep SYSTEM.png. The same call
+    goes on; `slam table` joins parts.
     """
     parameter, _, values = sweep.partition('=')
     published = paper_of(paper, parameter)

@@ -27,9 +27,8 @@ def gait(scenario: str, overrides: list[str], output: Path, overwrite: bool, coa
          measure: float, workers: int) -> int:
     """Measure the map from velocity to gait.
 
-    Walks the rover of a scenario over flat ground, with its gravity, contact and gait, at many
-    phase rates and turns, and writes the table that gait_controller_node follows commands by
-    (parameter calibration).
+    Walks over flat ground at many phase rates and turns; gait_controller_node.calibration takes
+    the table.
     """
     options.refuse_existing(output, overwrite)
     loaded = Scenario.load(scenario, overrides)

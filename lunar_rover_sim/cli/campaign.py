@@ -34,8 +34,8 @@ def campaign(campaign: str, output: Path | None, workers: int, scheduler: str | 
              dry_run: bool) -> int:
     """Record the episodes of a campaign file.
 
-    Checks each one, exports it, and writes a data card. What is there already is kept: the same
-    call goes on after Ctrl-C, a crash or a power cut. Exits with 1 where an episode failed.
+    Checks and exports each, and writes a data card. The same call goes on with what is missing.
+    Exits with 1 where an episode failed.
     """
     loaded = load_campaign(campaign)
     if dry_run:

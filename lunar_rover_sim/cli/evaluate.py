@@ -74,9 +74,8 @@ def trajectory(truth: str, estimate: str, align: str, truth_frame: str, estimate
                as_json: bool) -> int:
     """Judge an estimated trajectory against the truth.
 
-    Prints ATE, RPE, drift, scale, tracked share, errors over distance and, of an estimate with
-    covariances, its consistency (NEES). Inputs are TUM (also with 21 columns of covariance),
-    EuRoC or KITTI files, a bag (its odometry), or BAG:TOPIC.
+    Prints ATE, RPE, drift, scale, tracked share and consistency (NEES). Inputs are files of TUM,
+    EuRoC or KITTI, a bag, or BAG:TOPIC.
     """
     result = evaluate(truth, estimate, align=align, truth_frame=truth_frame,
                       estimate_frame=estimate_frame, tolerance_s=tolerance, distance_m=distance,
@@ -154,8 +153,7 @@ def _number(value: float, digits: int) -> str:
 def drive(bag: Path, world: Path | None, as_json: bool) -> int:
     """Judge how a rover drove: incidents a kilometre, unknown ground, stops.
 
-    Incidents are by kind: tilts beyond 45 deg, roll-overs, contacts of the body with rocks that
-    rise by more than its clearance, and other contacts of its lower side.
+    Incidents are tilts beyond 45 deg, roll-overs, and contacts of the body.
     """
     result = evaluate_drive(bag, world)
     if as_json:
@@ -179,9 +177,8 @@ def drive(bag: Path, world: Path | None, as_json: bool) -> int:
 
 @options.command(help=f"""Judge the maps of a recorded drive against its world.
 
-    Prints the error of the elevation and of the flags of rocks in cells of {100 * CELL_M:g} cm, by
-    distance from the rover. A rock counts from the height on that the rover does not cross; a flag
-    beside it counts as one of it.""")
+    Prints errors of elevation and of flags of rocks, in cells of {100 * CELL_M:g} cm, by distance
+    from the rover.""")
 @options.bag('recording with map/elevation')
 @options.world('of the drive, where it is not beside the bag or in the cache', 'FOLDER')
 @options.bounded('--maps', 1, kind=int, default=40,

@@ -34,9 +34,8 @@ def images(first: str, second: str, frames: int, width: int | None, seed: int,
            output: Path | None) -> int:
     """Compare two sets of images.
 
-    By gradients, spectrum, shadow, ORB and semi-global matching, each with 95 % intervals of both
-    sets and of their difference. A set is a bag, the folder of a run, a sequence (EuRoC, KITTI,
-    TartanAir, TUM), LuSNAR, POLAR, or any folder of pictures.
+    By gradients, spectrum, shadow, ORB and matching, with 95 % intervals. A set is a bag, a
+    sequence, LuSNAR, POLAR, or a folder of pictures.
     """
     with Progress('measuring') as progress:
         result = compare_images(first, second, frames=frames, width_px=width,

@@ -193,8 +193,7 @@ def root() -> Commands:
 def completion(shell: str) -> None:
     """Print the completion script of a shell.
 
-    For bash: lunar_rover_sim completion bash >
-    ~/.local/share/bash-completion/completions/lunar_rover_sim. For zsh: write it to a file
+    For bash to ~/.local/share/bash-completion/completions/lunar_rover_sim, for zsh to
     _lunar_rover_sim in a folder of $fpath.
     """
     from click.shell_completion import BashComplete, ZshComplete

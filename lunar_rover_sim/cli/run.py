@@ -66,9 +66,9 @@ def _route(text: str) -> str | list[tuple[float, float]]:
 @click.option('--goal', type=options.place, metavar='X,Y', help='drive there [m], by what the '
               'cameras see: mapping_node and navigator_node take the place of drive_node; the run '
               'ends when the rover has arrived or given up')
-@click.option('--route', type=_route, metavar='SHAPE | FILE', help='drive a ready-made route of '
-              f'the size drive_node.shape_size_m: {", ".join(_SHAPES)}; or, as to a --goal, '
-              'through the places of a file, one a line: X,Y [m]')
+@click.option('--route', type=_route, metavar='SHAPE | FILE', help='drive a route: '
+              f'{", ".join(_SHAPES)}, of drive_node.shape_size_m; or through the places of a '
+              'file, a line X,Y [m] each, as to a --goal')
 @click.option('--avoid', is_flag=True, help='with --route: around obstacles, by what the cameras '
               'see, from one waypoint of it to the next')
 @click.option('--slam', metavar='COMMAND', help='SLAM program to feed, with its '

@@ -38,10 +38,9 @@ _file = options.output(check_file, 'FILE', 'file to write; must not exist')
 
 def paper_option(function: options.Function) -> options.Function:
     """Declare --paper, published numbers; see `paper_of`."""
-    return click.option('--paper', type=options.PATH, metavar='FILE', help='published numbers for '
-                        'comparison, YAML: scenario: {sensor: {ate_m: number, scale: number}} '
-                        '(default: those of the three scenarios in config/published_slam.yaml; in '
-                        'a sweep, none)')(function)
+    return click.option('--paper', type=options.PATH, metavar='FILE', help='published numbers '
+                        'to compare with, laid out as config/published_slam.yaml, the default; in '
+                        'a sweep there is none')(function)
 
 
 def paper_of(path: Path | None, parameter: str) -> Paper | None:
@@ -179,9 +178,7 @@ def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool,
 def table(sources: Sequence[Path], output: Path, paper: Path | None) -> int:
     """Make one table of the parts of a benchmark that ran on several machines.
 
-    Joins the results of benchmarks, finished or not, and writes table.md, .csv, .tex and .html,
-    the findings, and table_drives.csv, every drive; of a sweep also table.png, its curves. Parts
-    of several systems stand beside each other.
+    Writes table.md, .csv, .tex, .html and table_drives.csv; of a sweep table.png.
     """
     judged = join(sources)
     published = paper_of(paper, judged[0].drive.parameter)

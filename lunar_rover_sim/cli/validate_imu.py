@@ -29,8 +29,7 @@ def imu(preset: str, overrides: list[str], hours: float, rate: float, seed: int,
         output: Path) -> int:
     """Compare the Allan deviation of an IMU at rest with its configured noise.
 
-    Simulates the IMU, computes the overlapping Allan deviation and reads white noise and bias
-    random walk back from it. Exits with 1 if a density is out of tolerance.
+    Reads white noise and bias random walk back. Exits with 1 if a density is out of tolerance.
     """
     values: dict[str, Any] = {'preset': preset}
     for item in overrides:

@@ -45,11 +45,8 @@ def locomotion(scenario: str, overrides: list[str], output: Path, speeds: Sequen
                grounds: Sequence[str], seeds: int, workers: int) -> int:
     """Measure the pitch of the walk, and how well commands are followed.
 
-    Drives the same velocities on flat ground through gait and contact and through a velocity
-    interface, compares the pitch of both, says how far a tracker mispredicts images of the walk at
-    several frame rates, and measures how well velocity commands are followed. Writes
-    locomotion.md, locomotion.png and pitch.csv, and compares grounds in grounds.md and
-    grounds_SPEED.png. Exits with 1 if a velocity command was not followed.
+    Against a velocity interface, and on several grounds. Writes reports, CSV and figures. Exits
+    with 1 if a command was not followed.
     """
     for name in grounds:
         Ground(name).config()   # raises ConfigError for one that does not exist

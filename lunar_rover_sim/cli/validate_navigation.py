@@ -33,9 +33,8 @@ def navigation(scenarios: Sequence[str], overrides: list[str], seeds: int, first
                workers: int, output: Path, resume: bool) -> int:
     """Drive to a goal on the world of each seed.
 
-    By what the rover sees, by the true map (the bound), and straight ahead, blindly. Depth is that
-    of rays with the errors of the matcher and the shadows of the sun; no ROS and no images are
-    needed. Writes navigation.md, navigation.csv and navigation.png.
+    By what the rover sees, by the true map, and blindly, without ROS. Writes navigation.md,
+    navigation.csv and figures.
     """
     scenarios = scenarios or ('baseline',)
     for name in scenarios:      # before the folder is made: what is wrong leaves none

@@ -29,8 +29,8 @@ def odometry(scenario: str, drives: int, duration: float, seed: int, overrides: 
              workers: int) -> int:
     """Compare the wheel odometry with the truth.
 
-    Drives with random commands on the worlds of several seeds, without cameras, and prints errors,
-    consistency and the parameters that fit. Exits with 1 if the covariance is not that stated.
+    Prints errors, consistency and the parameters that fit, over random drives. Exits with 1 if the
+    covariance is not that stated.
     """
     loaded = Scenario.load(scenario, overrides, seed=seed)
     seeds = range(seed, seed + drives)

@@ -28,8 +28,7 @@ def stereo(scenarios: Sequence[str], frames: int, output: Path, seed: int | None
            overrides: list[str]) -> int:
     """Compare semi-global matching with true depth.
 
-    Draws stereo pairs along a loop through each scenario, matches them, and says how dense and how
-    right the disparity is: a table, and figures with left image, true depth, SGM depth and error.
+    Along a loop through each scenario: a table of density and errors, and figures.
     """
     loaded = [Scenario.load(name, overrides, seed=seed) for name in scenarios]
     make_new_folder(output)

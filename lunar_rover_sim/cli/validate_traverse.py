@@ -30,10 +30,8 @@ def traverse(scenario: str, overrides: list[str], seeds: int, first_seed: int, d
              workers: int, grounds: Sequence[str], output: Path, resume: bool) -> int:
     """Drive random waypoints over many worlds.
 
-    Builds the world of a scenario for a number of seeds and drives over each, around the larger
-    rocks. Writes traverse.md, traverse.csv and traverse.png. With --grounds it drives the same
-    worlds on several grounds and compares them: grounds.md, grounds.png, and a folder for each.
-    Exits with 1 if more than one drive in twenty was lost.
+    Around the larger rocks. Writes traverse.md, .csv and .png; with --grounds a comparison. Exits
+    with 1 if more than one drive in twenty was lost.
     """
     loaded = Scenario.load(scenario, overrides)
     physics = loaded.physics_node

@@ -36,10 +36,9 @@ _OF_ORBITAL = ('folder', 'output', 'overwrite', 'orbital', 'overrides', 'sun')
 @options.command()
 @options.argument('folder', 'world folder (default with --at: the world of the recording)',
                   required=False, type=options.PATH, metavar='[FOLDER]')
-@options.output(check_path, 'PATH', 'file to write; its suffix says the format: .glb, .obj, .ply, '
-                '.tif (heights, or with --photo an orthophoto), .geojson (rocks and craters), or '
-                '.usd, .usda, .usdc, .usdz for a stage; with --at also .npz: x, y, height, height '
-                'change and compaction [m]; with --orbital a folder')
+@options.output(check_path, 'PATH', 'file whose suffix says the format: .glb, .obj, .ply; .tif, '
+                '.geojson; .usd, .usda, .usdc, .usdz; with --at BAG .npz, the tracks; with '
+                '--orbital a folder')
 @options.overwrite()
 @click.option('--orbital', is_flag=True, help='all that an orbiter knows, with its errors: '
               'heights.tif, photo.tif under --sun, craters.geojson, and orbital.json, which says '
@@ -79,8 +78,7 @@ def export(folder: Path | None, output: Path, overwrite: bool, orbital: bool,
            no_surroundings: bool) -> int:
     """Write a mesh file (GLB, OBJ, PLY), a map (GeoTIFF, GeoJSON) or an OpenUSD stage.
 
-    Or the tracks of a recording in a mesh file, or as heights (NPZ); or, with --orbital, a folder
-    of the maps by which a rover plans far ways.
+    Or the tracks of a recording (mesh or NPZ), or with --orbital a folder of maps.
     """
     if orbital:
         _check_orbital(folder)
