@@ -38,8 +38,8 @@ DEFAULTS = {'evaluate': 'trajectory'}
 
 COMMANDS = {
     'bag check': Entry('bag:check', 'whether a bag can be trusted; exits with 1 if not'),
-    'bag export': Entry('bag_export:export', 'write the sequence for SLAM programs or trainers, '
-                        'or the drive as an OpenUSD stage'),
+    'bag export': Entry('bag:export', 'write the sequence for SLAM programs or trainers, or the '
+                        'drive as an OpenUSD stage'),
     'bag hash': Entry('bag:hash_', 'a hash of what the bag says, whatever its storage'),
     'bag info': Entry('bag:info', 'topics, types, counts and times'),
     'bag preview': Entry('bag:preview', 'PNG pictures: cameras, their truth, LiDAR, heading, '
@@ -54,13 +54,13 @@ COMMANDS = {
                             'measure the map from velocity to gait on flat ground'),
     'campaign': Entry('campaign:campaign', 'record a data set of randomised episodes'),
     'completion': Entry('main:completion', 'print a script that completes commands in a shell'),
-    'dataset card': Entry('dataset:card', 'write the data card anew: README.md, card.json, '
+    'dataset card': Entry('campaign:card', 'write the data card anew: README.md, card.json, '
                           'episodes.csv, croissant.json'),
-    'dataset shards': Entry('dataset:shards', 'WebDataset shards of all drives, split by world'),
-    'dataset status': Entry('dataset:status', 'how many episodes are finished, failed and '
+    'dataset shards': Entry('campaign:shards', 'WebDataset shards of all drives, split by world'),
+    'dataset status': Entry('campaign:status', 'how many episodes are finished, failed and '
                             'missing'),
-    'dataset verify': Entry('dataset:verify', 'compare the episodes with the plan, and every file '
-                            'with the manifests; exits with 1 if anything was changed, deleted, '
+    'dataset verify': Entry('campaign:verify', 'compare the episodes with the plan, and every '
+                            'file with the manifests; exits with 1 if any was changed, deleted, '
                             'added or renamed'),
     'demo': Entry('demo:demo', 'record a first drive, check it and draw pictures of it'),
     'evaluate drive': Entry('evaluate:drive', 'how a rover drove: incidents a kilometre, '

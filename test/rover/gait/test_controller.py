@@ -1,6 +1,5 @@
 """The leg controller on ideal motors: phases found, blocks survived, commands checked."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -304,9 +303,3 @@ def test_joint_states_that_are_none_are_refused(bad):
         GaitController().update(0, bad, np.zeros(4))
     with pytest.raises(GaitError, match='joint velocity'):
         GaitController().update(0, np.zeros(4), bad)
-
-
-def test_all_but_structure_is_live():
-    fixed = {name for name, _value, info, _kind in GaitConfig().flatten() if not info.live}
-    assert fixed == {'spokes', 'calibration'}
-    assert dataclasses.is_dataclass(GaitConfig)
