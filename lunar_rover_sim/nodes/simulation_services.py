@@ -159,16 +159,19 @@ class SimulationServices:
     def simulate(self, handle: Any, kind: Any) -> Any:
         """Do SimulateSteps, of type `kind`: like `step`, and tell after each step."""
         result, count = kind.Result(), handle.request.steps
-        problem = '' if self._simulator.is_paused else 'time runs: pause it first'
+        problem = None if self._simulator.is_paused else 'time runs: pause it first'
         for done in range(1, count + 1):
-            problem = problem or self._simulator.step(1)
-            if problem:
+            problem = self._simulator.step(1) if problem is None else problem
+            if problem is not None:
                 break
             self._is_stopped = False
             handle.publish_feedback(kind.Feedback(completed_steps=done,
                                                   remaining_steps=count - done))
-        (handle.abort if problem else handle.succeed)()
-        return self._failed(result, problem) if problem else self._ok(result)
+        if problem is not None:
+            handle.abort()
+            return self._failed(result, problem)
+        handle.succeed()
+        return self._ok(result)
 
     def entities(self, request: Any, response: Any) -> Any:
         """Answer GetEntities: the rover, if the filters let it through."""

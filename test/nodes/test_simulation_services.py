@@ -78,7 +78,7 @@ class FakeSimulator:
         self.is_paused = self.is_lockstep = False
         self.now_ns, self.world_frame = 1_500_000_000, 'odom'
         self.calls: list[Any] = []
-        self.problem = ''
+        self.problem: str | None = None
         with simulate() as simulation:
             self._state = simulation.state
 
