@@ -102,7 +102,7 @@ class FakeSimulator:
             raise PhysicsError('in the ground')
         self.calls.append(where)
 
-    def step(self, count: int) -> str:
+    def step(self, count: int) -> str | None:
         self.calls.append(count)
         return self.problem
 
