@@ -76,7 +76,7 @@ def test_depth(world: World, x: float, y: float, above: float, rpy_deg: tuple[fl
     depth = ground.depth(view_numbers(T, PROJECTION, T[:2, 3]), PROJECTION, SeenTracks(),
                          Workers(1))
     rng = np.random.default_rng(1)
-    pixels = np.column_stack([rng.integers(0, WIDTH, 200), rng.integers(0, HEIGHT, 200)])
+    pixels = np.column_stack([rng.integers(0, WIDTH, 400), rng.integers(0, HEIGHT, 400)])
     expected, found = by_small_steps(world, T, pixels), depth[pixels[:, 1], pixels[:, 0]]
     assert np.mean((found > 0.0) != (expected > 0.0)) < 0.01
     met = (found > 0.0) & (expected > 0.0)
