@@ -13,8 +13,7 @@ from lunar_rover_sim.base.files.results import json_text
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_table, Progress, say
 from lunar_rover_sim.judge.evaluation.image_comparison import (compare_images, DISTANCE, FRAMES,
-                                                               ImageComparison)
-from lunar_rover_sim.judge.evaluation.image_plots import save_comparison
+                                                               ImageComparison, save_comparison)
 from lunar_rover_sim.judge.evaluation.image_statistics import MEASURES
 from lunar_rover_sim.judge.evaluation.statistics import Difference, SeriesMean
 

@@ -48,8 +48,12 @@ def json_text(value: Any) -> str:
 
 def save_figure(figure: Figure, path: str | Path, error: type[LunarRoverSimError],
                 dpi: float = 110, kind: str = 'png') -> None:
-    """Write a figure, whole or not at all; kind: a format of Matplotlib.
+    """Write a figure, whole or not at all, and make its folder; kind: a format of Matplotlib.
 
     Raises `error` if the file cannot be written.
     """
+    try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise error(f'{path}: cannot be written: {problem.strerror}') from None
     atomic_write(path, lambda stream: figure.savefig(stream, dpi=dpi, format=kind), error)

@@ -29,10 +29,6 @@ def save_plots(result: Evaluation, output: Path, bag: Path | None = None) -> lis
     """
     figures = {TOP_VIEW: _top_view(result, bag), 'error.png': _error(result),
                'scale.png': _scale(result)}
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise EvaluationError(f'{output}: cannot be written: {error.strerror}') from None
     for name, figure in figures.items():
         save_figure(figure, output / name, EvaluationError)
     return [output / name for name in figures]

@@ -216,10 +216,6 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
     paths: list[Path] = []
 
     def save(figure: Figure, name: str) -> None:
-        try:
-            output.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise BagError(f'{output / name}: cannot be written: {error.strerror}') from None
         save_figure(figure, output / name, BagError, dpi=100)
         paths.append(output / name)
         if progress is not None:

@@ -48,5 +48,5 @@ def test_both_paths_are_drawn_and_a_bag_whose_world_is_gone_has_no_ground(tmp_pa
 
 def test_pictures_that_cannot_be_written_are_named(tmp_path):
     (tmp_path / 'file').write_text('in the way')
-    with pytest.raises(EvaluationError, match='file/out: cannot be written'):
+    with pytest.raises(EvaluationError, match='file/out/top_view.png: cannot be written'):
         save_plots(evaluate(drive(), drive(), align='none'), tmp_path / 'file' / 'out')
