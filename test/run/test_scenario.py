@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from lunar_rover_sim.base.errors import ConfigError, WorldError
+from lunar_rover_sim.base.files.paths import packaged_names
 from lunar_rover_sim.rover.gait.calibration import (differences, GaitCalibration,
                                                     ground_conditions, rover_conditions)
 from lunar_rover_sim.run.lockstep import StampGate, WrittenStamps
@@ -15,8 +16,8 @@ from lunar_rover_sim.run.params_files import arguments_of_program
 from lunar_rover_sim.run.plan import check_launch_arguments, resolve
 from lunar_rover_sim.run.scenario import Scenario
 
-NAMES = ('baseline', 'dem', 'expedition', 'feature_sparse', 'flat', 'low_albedo', 'mare_apollo',
-         'permanent_shadow', 'rough', 'site', 'soft', 'traverse')
+NAMES = packaged_names('scenario')
+TUTORIAL = Path(__file__).parents[2] / 'docs/tutorials/first_drive.md'
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -27,6 +28,7 @@ def test_resolved_scenario_round_trip(name: str, tmp_path: Path) -> None:
     path.write_text(scenario.to_yaml())
     assert Scenario.load(str(path)) == scenario
     assert resolve(Scenario.load(str(path))) == scenario
+    assert f'| `{name}` |' in TUTORIAL.read_text(), 'the first tutorial says what each is'
 
 
 def test_overrides() -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
 import dataclasses
 import io
 from pathlib import Path
 
+import jinja2
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -15,7 +17,6 @@ import numpy as np
 
 from lunar_rover_sim.base.errors import ConfigError, SlamError
 from lunar_rover_sim.base.files.atomic import atomic_write
-from lunar_rover_sim.base.files.templates import data_uri, template
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.judge.slam import table
 from lunar_rover_sim.judge.slam.drives import csv_of_drives, Judged, text_of_seeds
@@ -35,12 +36,21 @@ def html_report(title: str, statement: Sequence[str], rows: Sequence[TableRow],
     """
     columns, lines = text_cells(rows, paper or {}, parameter)
     errors = curves(rows, judged, parameter) if parameter else _bars(rows, judged)
-    return template('lunar_rover_sim.judge.slam', 'benchmark.html').render(
+    # What is inserted is escaped; a value that is missing is an error, not an empty text.
+    pages = jinja2.Environment(
+        loader=jinja2.PackageLoader('lunar_rover_sim.judge.slam'), autoescape=True,
+        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    return pages.get_template('benchmark.html').render(
         title=title, statement=statement, columns=columns, rows=lines,
         findings=findings, failures=[f'{" ".join(filter(None, row.key))}, {reason}'
                                      for row in rows for reason in row.reasons],
-        errors_png=data_uri(png(errors), 'image/png'),
-        paths_png=data_uri(png(_paths(rows, judged)), 'image/png'))
+        errors_png=_data_uri(errors),
+        paths_png=_data_uri(_paths(rows, judged)))
+
+
+def _data_uri(figure: Figure) -> str:
+    """Return a figure as a data URI, which holds it in the page itself."""
+    return f'data:image/png;base64,{base64.b64encode(png(figure)).decode("ascii")}'
 
 
 def _figure(width: float, height: float) -> Figure:
