@@ -1,7 +1,8 @@
 """What tests of the real graph share: a small world, a ROS domain, one recorded run.
 
 What is imported is left out of the collections of garbage, by `gc.freeze`, and those are fewer:
-test/bag and test/evaluation take 16.6 s of processor time in place of 19.3.
+with version 1.0.0 the tests of bags and of evaluation took 16.6 s of processor time in place of
+19.3, a seventh less. Who measures less than a tenth takes it out.
 """
 
 from collections.abc import Iterator
