@@ -152,7 +152,7 @@ def test_depth_is_that_of_the_world_of_physics():
                                              np.zeros(1, np.int32), None)
                     if 0.0 < distance < 10.0:
                         errors[name].append(abs(frame.depth_m[v, u] - distance))
-    assert min(len(found) for found in errors.values()) > 200
+    assert min(len(found) for found in errors.values()) > 150
     assert np.median(errors['anywhere']) < 1e-3
     assert np.quantile(errors['anywhere'], 0.97) < 1e-2
     # Far ones of a few pixels are drawn simpler.
