@@ -16,7 +16,7 @@ W, H, F = 96, 72, 69.0
 K = np.array([[F, 0.0, 47.5], [0.0, F, 35.5], [0.0, 0.0, 1.0]])
 LIMITS = Limits.of(load_rover(None), TraversabilityConfig())
 EYE_M, AHEAD_M, PITCH_RAD = 0.28, 0.12, np.radians(10.0)
-TICK_S, LOOK_TICKS = 0.1, 5
+TICK_S, LOOK_TICKS = 0.1, 3
 
 
 class Plain:
