@@ -1,1 +1,1 @@
-"""Drawing with OpenGL: context, passes, shaders, and the renderer that composes them."""
+"""Drawing: OpenGL finds rocks and the rover, compiled loops find the ground and light all."""

@@ -24,13 +24,13 @@ F32 = NDArray[np.float32]
 
 
 class BodyLight(NamedTuple):
-    """The light on the rover, as `rover_light.light_rover` takes it.
+    """The light on the rover, as `object_rows.light_rover` takes it.
 
     Attributes:
         light: World height of foot and top [m]; clearance and occluder distance at the foot and
             at the top [m]; exitance of the lit ground around [W/m2].
         from_sun: (4, 4) from world positions to clip space of the map.
-        map: (MAP, MAP) depth of the rover as the sun sees it; empty before `RoverPass.read`.
+        map: (MAP, MAP) depth of the rover as the sun sees it; empty before `RoverPass.cast`.
     """
 
     light: F32
