@@ -30,7 +30,7 @@ from lunar_rover_sim.image.illumination.horizon import shadow_levels, SunGeometr
 
 F32 = NDArray[np.float32]
 # Cells of a level per cell of indirect light; half as many change the light in shadow by 1 %.
-_COARSE = 8
+COARSE = 8
 log = logging.getLogger(__name__)
 
 
@@ -68,22 +68,27 @@ class Sunlight:
                    indirect: bool) -> tuple[F32, F32]:
         """Return indirect irradiance and surroundings of one level, on a coarser grid."""
         grid = self.world.levels[k]
-        n = -(-grid.n // _COARSE)
+        n = -(-grid.n // COARSE)
         if not indirect or direction[2] <= 0.0 or sun.irradiance == 0.0:
             return np.zeros((n, n), np.float32), np.zeros((n, n), np.float32)
         clearance, occluder = self.clearance[k]
+        side = COARSE * n
+
+        def coarse(values: F32) -> F32:
+            """Return means over cells that lie on the lattice of the site; its border goes on."""
+            more = side - len(values)
+            whole = cv2.copyMakeBorder(values, 0, more, 0, more, cv2.BORDER_REPLICATE)
+            return np.asarray(cv2.resize(whole, (n, n), interpolation=cv2.INTER_AREA), np.float32)
+
         radius = np.radians(0.5 * sun.angular_diameter_deg)
         lit = clearance / occluder
         lit *= np.float32(0.5 / radius)
         lit += np.float32(0.5)
         np.clip(lit, 0.0, 1.0, out=lit)
-        size = (n, n)
         albedo = hemispherical_albedo(parameter_set(reflectance.ground)) \
             * reflectance.albedo_scale
-        heights = np.asarray(cv2.resize(grid.heights_m, size, interpolation=cv2.INTER_AREA),
-                             np.float32)
-        share = np.asarray(cv2.resize(lit, size, interpolation=cv2.INTER_AREA), np.float32)
-        return indirect_light(heights, grid.cell_m * grid.n / n, share, direction, albedo)
+        return indirect_light(coarse(grid.heights_m), COARSE * grid.cell_m, coarse(lit), direction,
+                              albedo)
 
     def forget_clearance(self) -> None:
         """Drop what only the texels of the ground need."""
@@ -112,7 +117,8 @@ class Sunlight:
         xy = np.asarray(xy_m, float)
         result = np.zeros(xy.shape[:-1], np.float32)
         for grid, (_, values) in zip(self.world.levels[::-1], self.scattered[::-1]):
-            index = (xy / grid.half_extent_m * 0.5 + 0.5) * (len(values) - 1)
+            # The middle of the first cell lies so many samples from the first one.
+            index = ((xy + grid.half_extent_m) / grid.cell_m - 0.5 * (COARSE - 1)) / COARSE
             column, row = np.moveaxis(np.clip(np.rint(index), 0, len(values) - 1), -1, 0)
             result = np.where(grid.contains(xy), values[row.astype(int), column.astype(int)],
                               result)

@@ -16,7 +16,7 @@ from lunar_rover_sim.ground.world.albedo import far_albedo, RECIPE
 from lunar_rover_sim.ground.world.fine_relief import disc_share
 from lunar_rover_sim.ground.world.kept_arrays import kept
 from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.image.illumination.sunlight import Sunlight
+from lunar_rover_sim.image.illumination.sunlight import COARSE, Sunlight
 from lunar_rover_sim.image.rendering.relief_brightness import (LEAST_FACTOR, LEAST_SCALES, LEVELS,
                                                                ReliefBrightness)
 from lunar_rover_sim.image.rendering.relief_rows import place_in_site
@@ -91,13 +91,16 @@ def _albedo_texels(albedo: F32) -> NDArray[np.uint8]:
 def _matter_texels(albedo: NDArray[np.uint8], irradiance: F32,
                    surroundings: F32) -> NDArray[np.uint8]:
     """Return (n, n, 4) texels of `matter` in `grid_rows`, without their last channel."""
-    n = albedo.shape[0]
+    n, side = albedo.shape[0], COARSE * len(irradiance)
     data = np.zeros((n, n, 4), np.uint8)
     data[..., 0] = albedo
     for channel, value in ((1, np.sqrt(4.0 * irradiance)), (2, np.sqrt(4.0 * surroundings))):
-        value = cv2.resize(value, (n, n), interpolation=cv2.INTER_LINEAR)
+        value = cv2.resize(value, (side, side), interpolation=cv2.INTER_LINEAR)[:n, :n]
         data[..., channel] = np.clip(np.rint(value * 255.0), 0, 255)
     return data
+
+
+_EVEN = 32
 
 
 class MipTexels(NamedTuple):
@@ -114,11 +117,20 @@ class MipTexels(NamedTuple):
     first: NDArray[np.int32]
 
 
+def halving_side(n: int) -> int:
+    """Return the side of textures of n texels that halves evenly five times.
+
+    Texels of these levels then lie on the lattice of the site, the same in all of its windows.
+    """
+    return -(-n // _EVEN) * _EVEN
+
+
 def mip_texels(textures: Sequence[NDArray[Any]], side: int) -> MipTexels:
     """Return textures with their mip levels, each the mean of the one before.
 
     Args:
-        textures: (n, n, 4) float16 or uint8; a smaller one lies in the corner of zeros.
+        textures: (n, n, 4) float16 or uint8; a smaller one lies in the corner, and its border goes
+            on.
         side: Of all.
     """
     sides = [side]
@@ -135,6 +147,7 @@ def mip_texels(textures: Sequence[NDArray[Any]], side: int) -> MipTexels:
                   for start, n in zip(first, sides)]
         m = len(textures[k])
         levels[0][:m, :m] = textures[k]
+        levels[0][m:, :m], levels[0][:, m:] = levels[0][m - 1, :m], levels[0][:, m - 1:m]
         for finer, level in pairwise(levels):
             _halve(finer, level)
     with ThreadPoolExecutor(2) as pool:
@@ -202,7 +215,7 @@ def surface_texels(world: World, levels: list[LevelTexels], tiles: ReliefTiles,
         tiles, brightness: Of the relief below the grid, under that sun.
     """
     grids = world.levels
-    side = max(grid.n for grid in grids)
+    side = halving_side(max(grid.n for grid in grids))
     places = np.array([[1.0 / (side * grid.cell_m), 0.5 * grid.n / side,
                         -np.log2(grid.cell_m), grid.half_extent_m] for grid in grids])
     factor = brightness.factor

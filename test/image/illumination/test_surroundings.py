@@ -60,7 +60,8 @@ def test_ground_behind_a_wall_is_dark_and_ground_before_it_bright():
     irradiance = seen.scattered[0][0]
     row = irradiance[len(irradiance) // 2]
     east = row[int(0.6 * len(row)):]
-    assert east[0] > 2.0 * east[-1] > 0.0
+    # Of the last cell only the first sample lies on the grid.
+    assert east[0] > 2.0 * east[-2] > 0.0
 
 
 @pytest.mark.parametrize('irradiance,elevation_deg,indirect', [

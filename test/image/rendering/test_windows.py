@@ -83,9 +83,8 @@ def test_two_windows_show_one_picture(renderer, windows):
         near = (first.depth_m < 10.0) & (second.depth_m < 10.0)
         levels = np.abs(first.left.astype(int) - second.left)
         assert near.mean() > 0.4
-        # Coarse texels and indirect light are known on cells that count from the border.
-        assert (levels[first.depth_m < 5.0] <= 1).mean() > 0.999
-        assert (levels[near] <= 1).mean() > 0.997
+        # Coarse texels and cells of indirect light lie on the lattice of the site.
+        assert (levels[near] <= 1).mean() > 0.999
         # Where the fine ground of the first window ends, 19 m away, the second goes on; in one
         # picture that ground takes a fifth of the pixels.
         assert (levels <= 1).mean() > 0.97
