@@ -88,14 +88,16 @@ class Rover:
 
 
 def test_a_covered_lens_stops_it_at_once_and_for_good():
+    """It turns back to where it saw something and all around, on the spot, and gives up."""
     rover = Rover(Plain(), (6.0, 0.0), covered_s=8.0)
-    end = rover.drive(60.0)
+    end = rover.drive(120.0)
     assert end.failure is Failure.LOST and 'no depth' in end.reason
     path = np.array(rover.path)
     assert path[79, 0] > 0.5                # it drove before
     # map_age_s after the last frame, at 0.12 m/s.
     assert np.linalg.norm(path[-1] - path[79]) < 0.12 * (1.5 + 0.4)
-    assert len(path) * TICK_S < 8.0 + 1.5 + 10.0 + 1.0
+    turn_s = 2.0 * np.pi / 0.15
+    assert len(path) * TICK_S < 8.0 + 1.5 + 10.0 + 1.5 * turn_s + 2.5
 
 
 def test_at_night_it_does_not_set_out():
