@@ -139,7 +139,9 @@ def _say_more(result: Evaluation) -> None:
         say(f'the first pose is exact in {told.frame}')
     if (found := result.fixes) is not None:
         say(f'first fix after {_number(found.first_s, 1)} s and {_number(found.first_m, 1)} m; '
-            f'{found.count} fixes, {found.false} of them false')
+            f'{found.count} fixes, {found.false} of them false; horizontal error from then on '
+            f'{_number(found.error_median_m, 2)} m in the median, '
+            f'{_number(found.error_p95_m, 2)} m at p95')
 
 
 def _number(value: float, digits: int) -> str:

@@ -20,11 +20,13 @@ from lunar_rover_sim.base.files.results import json_text
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.evaluate import bounds, check_bounds
 from lunar_rover_sim.cli.terminal import print_json, Progress, say
+from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
 from lunar_rover_sim.judge.evaluation.trajectory_plots import TOP_VIEW
 from lunar_rover_sim.judge.slam.benchmark_report import write_report
 from lunar_rover_sim.judge.slam.drives import join
 from lunar_rover_sim.judge.slam.estimators import Estimator, stock_program, SYSTEMS
-from lunar_rover_sim.judge.slam.run_on_bag import COVARIANCE, ESTIMATE, run_on_bag
+from lunar_rover_sim.judge.slam.graph.anchor import Anchor, Doubt
+from lunar_rover_sim.judge.slam.run_on_bag import COVARIANCE, ESTIMATE, LIVE, run_on_bag
 from lunar_rover_sim.judge.slam.table import Paper, read_paper
 from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS
 from lunar_rover_sim.products.sequences.orbslam3_settings import settings as settings_text
@@ -123,21 +125,29 @@ def settings(source: str, output: Path, sensor: str, features: int,
 @_sensor
 @click.option('--keep-sequence', is_flag=True, help='keep the exported images')
 @click.option('--quiet', is_flag=True, help='do not show the log of the program')
+@click.option('--orbital', type=options.PATH, metavar='DIR', help='with --system graph: maps of '
+              'the site from orbit, of `world export --orbital`; it finds its place on them')
+@click.option('--near', type=options.place, metavar='X,Y', help='with --orbital: a place that the '
+              'start is near to [m]')
+@options.bounded('--doubt', 1.0, 500.0, unit='m', default=50.0, metavar='M',
+                 help='with --orbital: radius around it')
 @bounds
 @options.as_json
 @system_options
 def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool,
+        orbital: Path | None, near: tuple[float, float] | None, doubt: float,
         max_ate: float | None, min_tracked: float | None, as_json: bool,
         estimator: Callable[[str], Estimator]) -> int:
     """Run a SLAM program on a bag and evaluate its result."""
     system = estimator(sensor)
+    anchor = _anchor(system, orbital, near, doubt)
     make_new_folder(output)
     try:
         with Progress('reading the bag') as progress:
             result = run_on_bag(
                 bag, system, output, None if quiet or as_json else say,
                 progress.start, progress.advance,
-                output / 'sequence' if keep_sequence else None, plots=True)
+                output / 'sequence' if keep_sequence else None, plots=True, anchor=anchor)
     finally:
         with suppress(OSError):
             output.rmdir()   # if it is empty
@@ -159,6 +169,13 @@ def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool,
     if result.nees_position == result.nees_position:
         say(f'NEES per degree of freedom: position {result.nees_position:.2f}, orientation '
             f'{result.nees_orientation:.2f}; covariances are in {output / COVARIANCE}')
+    if anchor is not None:
+        say('no place was found on the map from orbit: the estimate is lost on the site'
+            if not result.fixes else
+            f'first fix after {result.first_fix_m:.1f} m; {result.fixes} fixes, '
+            f'{result.false_fixes} false; horizontal error from then on '
+            f'{result.absolute_median_m:.2f} m in the median, {result.absolute_p95_m:.2f} m at '
+            f'p95; {output / LIVE} has what was told at the time')
     if (output / ESTIMATE).is_file():
         say(f'{output / ESTIMATE} (TUM) has the poses of the frame {system.poses_of}; '
             'result.json beside it')
@@ -168,6 +185,19 @@ def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool,
         f'{result.distance_m:.2f} m; figure: {output / TOP_VIEW}')
     check_bounds(result.ate_m, result.tracked_share, max_ate, min_tracked)
     return 0
+
+
+def _anchor(system: Estimator, orbital: Path | None, near: tuple[float, float] | None,
+            doubt_m: float) -> Anchor | None:
+    if orbital is None:
+        if near is not None:
+            raise ConfigError('--near: needs --orbital, the maps on which it is')
+        return None
+    if system.system != 'graph':
+        raise ConfigError(f'--orbital: is for --system graph, and the system is {system.system}')
+    if near is None:
+        raise ConfigError('--orbital: needs --near X,Y, a place that the start is near to')
+    return Anchor(OrbitalMap.load(orbital), Doubt(near, doubt_m))
 
 
 @options.command()

@@ -103,12 +103,15 @@ class Fixes:
     Attributes:
         first_s, first_m: Time and way to the first fix; NaN without one.
         count, false: Number of all fixes, and of the false ones.
+        error_median_m, error_p95_m: Horizontal errors of all poses from the first fix on.
     """
 
     first_s: float
     first_m: float
     count: int
     false: int
+    error_median_m: float = float('nan')
+    error_p95_m: float = float('nan')
 
 
 def consistency(truth: Trajectory, estimate: Trajectory) -> Consistency | None:
@@ -144,10 +147,11 @@ def fixes(truth: Trajectory, estimate: Trajectory) -> Fixes | None:
     if not len(found):
         return Fixes(float('nan'), float('nan'), 0, 0)
     first = found[0]
-    errors = (estimate.positions_m - truth.positions_m)[found, :2]
-    false = _nees(errors, P[found] + _LEAST_VARIANCE * np.eye(2)) > chi2.ppf(_FALSE, 2)
+    errors = (estimate.positions_m - truth.positions_m)[:, :2]
+    false = _nees(errors[found], P[found] + _LEAST_VARIANCE * np.eye(2)) > chi2.ppf(_FALSE, 2)
     return Fixes(1e-9 * float(truth.stamps_ns[first] - truth.stamps_ns[0]),
-                 float(truth.distances_m[first]), len(found), int(false.sum()))
+                 float(truth.distances_m[first]), len(found), int(false.sum()),
+                 *np.percentile(np.linalg.norm(errors[first:], axis=1), [50.0, 95.0]).tolist())
 
 
 def _nees(errors: Array, covariances: Array) -> Array:

@@ -55,6 +55,7 @@ class Estimate:
         frames_ns: (n,) stamps of the images of the sequence [ns].
         wall_s: How long the estimator ran [s].
         words: What it counted, for the user; empty for nothing.
+        live: What it told at the time of each frame; of the graph on a site.
     """
 
     trajectory: Trajectory | None
@@ -63,6 +64,7 @@ class Estimate:
     frames_ns: Stamps
     wall_s: float
     words: str = ''
+    live: Trajectory | None = None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -24,13 +24,14 @@ from lunar_rover_sim.judge.evaluation.trajectory_plots import save_plots
 from lunar_rover_sim.judge.evaluation.trajectory_sources import trajectory_of_topic
 from lunar_rover_sim.judge.slam import euroc_reader
 from lunar_rover_sim.judge.slam.estimators import Estimate, Estimator, join
+from lunar_rover_sim.judge.slam.graph.anchor import Anchor
 from lunar_rover_sim.judge.slam.graph.from_bag import estimate as estimate_by_graph
 from lunar_rover_sim.products.sequences.export import export, FORMATS
 from lunar_rover_sim.products.sequences.sensors import recorded_sensors, SensorSuite
 from lunar_rover_sim.rover.physics.state import TipOver
 from lunar_rover_sim.run.child_process import Echo
 
-ESTIMATE, COVARIANCE = 'estimate.txt', 'estimate_covariance.txt'
+ESTIMATE, COVARIANCE, LIVE = 'estimate.txt', 'estimate_covariance.txt', 'live_covariance.txt'
 
 Step = Callable[[str, 'int | None'], None]
 
@@ -55,6 +56,9 @@ class SlamResult:
             little of the estimator.
         nees_position, nees_orientation: Per degree of freedom; of estimates with covariances.
         words: What the estimator counted.
+        fixes, false_fixes, first_fix_m: How often it found its place on a site, wrongly, and the
+            way to the first time.
+        absolute_median_m, absolute_p95_m: Horizontal errors of what it told from then on.
     """
 
     system: str
@@ -74,6 +78,11 @@ class SlamResult:
     nees_position: float = float('nan')
     nees_orientation: float = float('nan')
     words: str = ''
+    fixes: int = 0
+    false_fixes: int = 0
+    first_fix_m: float = float('nan')
+    absolute_median_m: float = float('nan')
+    absolute_p95_m: float = float('nan')
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values for JSON; NaN becomes None."""
@@ -92,7 +101,8 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
                step: Step = lambda _text, _total: None,
                advance: Callable[[], None] = lambda: None,
                kept_sequence: Path | None = None,
-               stop: Callable[[], bool] = lambda: False, plots: bool = False) -> SlamResult:
+               stop: Callable[[], bool] = lambda: False, plots: bool = False,
+               anchor: Anchor | None = None) -> SlamResult:
     """Export a bag, run an estimator on it and judge the outcome. A lost track is a result.
 
     Args:
@@ -108,6 +118,7 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
             sequence of this bag in the format of the estimator. None: the sequence is removed.
         stop: Once it returns True, the program is ended early.
         plots: Whether to write the figures of an evaluation, too.
+        anchor: Of the graph: finds the place on a site. live_covariance.txt then has what it told.
 
     Raises:
         SlamError, BagError, SequenceError, EvaluationError: If there can be no result.
@@ -127,7 +138,7 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         messages = sum(opened.counts[opened.resolve(name)] for name in kind.needs + kind.uses
                        if opened.has(name))
         if estimator.system == 'graph':
-            outcome = _graph(opened, suite, step, advance, stop)
+            outcome = _graph(opened, suite, step, advance, stop, anchor)
             return _judge(bag, estimator, folder, truth, outcome, step, plots)
     if not sequence.exists():
         step('exporting', messages)
@@ -144,10 +155,10 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
 
 
 def _graph(bag: Bag, suite: SensorSuite, step: Step, advance: Callable[[], None],
-           stop: Callable[[], bool]) -> Estimate:
+           stop: Callable[[], bool], anchor: Anchor | None) -> Estimate:
     left = bag.resolve(topics.LEFT_IMAGE.name)
     step('estimating', bag.counts.get(left))
-    return estimate_by_graph(bag, suite, advance, stop)
+    return estimate_by_graph(bag, suite, advance, stop, anchor)
 
 
 def _judge(bag: Path, estimator: Estimator, folder: Path, truth: Trajectory, outcome: Estimate,
@@ -167,6 +178,8 @@ def _judge(bag: Path, estimator: Estimator, folder: Path, truth: Trajectory, out
     write_tum(folder / ESTIMATE, outcome.trajectory)
     if outcome.trajectory.covariances is not None:
         write_tum_covariance(folder / COVARIANCE, outcome.trajectory)
+    if outcome.live is not None:
+        known = _with_fixes(known, bag, outcome.live, folder, estimator.poses_of)
     try:
         judged = evaluate(bag, outcome.trajectory,
                           align='sim3' if estimator.sensor == 'mono' else 'se3',
@@ -187,6 +200,17 @@ def _judge(bag: Path, estimator: Estimator, folder: Path, truth: Trajectory, out
         nees_position=judged.consistency.position.per_dof if judged.consistency else math.nan,
         nees_orientation=judged.consistency.orientation.per_dof if judged.consistency
         else math.nan)
+
+
+def _with_fixes(known: SlamResult, bag: Path, live: Trajectory, folder: Path,
+                frame: str) -> SlamResult:
+    write_tum_covariance(folder / LIVE, live)
+    found = evaluate(bag, live, align='none', estimate_frame=frame).fixes
+    if found is None:
+        return known
+    return dataclasses.replace(known, fixes=found.count, false_fixes=found.false,
+                               first_fix_m=found.first_m, absolute_median_m=found.error_median_m,
+                               absolute_p95_m=found.error_p95_m)
 
 
 def tipped_over_s(truth: Trajectory) -> float:

@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import Bag
@@ -15,8 +16,10 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.image.camera.encoding import eight_bits
 from lunar_rover_sim.image.stereo.depth import grey
+from lunar_rover_sim.judge.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.judge.slam.estimators import Estimate
 from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
+from lunar_rover_sim.judge.slam.graph.anchor import Anchor
 from lunar_rover_sim.judge.slam.graph.collected import AIDS, Collected
 from lunar_rover_sim.judge.slam.graph.measured import Aids
 from lunar_rover_sim.judge.slam.graph.odometry import GraphOdometry, Located
@@ -27,25 +30,28 @@ from lunar_rover_sim.products.sequences.sensors import SensorSuite
 Step = tuple[int, 'Image | None', 'Image | None', Aids]
 
 
-def odometry_of(suite: SensorSuite, loops: bool = True) -> GraphOdometry:
-    """Return the graph for the sensors of a bag."""
+def odometry_of(suite: SensorSuite, loops: bool = True,
+                anchor: Anchor | None = None) -> GraphOdometry:
+    """Return the graph for the sensors of a bag; with an anchor, on a site."""
     camera = Camera(suite.focal_px, suite.centre_px, suite.baseline_m,
                     tuple(suite.distortion[:4]))
-    return GraphOdometry(camera, suite.T_base_imu @ suite.T_imu_left, suite.gravity_mps2, loops)
+    return GraphOdometry(camera, suite.T_base_imu @ suite.T_imu_left, suite.gravity_mps2, loops,
+                         anchor)
 
 
 def run(bag: Bag, suite: SensorSuite, loops: bool = True,
         advance: Callable[[], None] = lambda: None,
         on_pose: Callable[[int, Located], None] = lambda _stamp_ns, _located: None,
-        stop: Callable[[], bool] = lambda: False) -> GraphOdometry:
+        stop: Callable[[], bool] = lambda: False, anchor: Anchor | None = None) -> GraphOdometry:
     """Return the graph after all pairs of a bag.
 
     Args:
         advance: Called after each pair.
         on_pose: Called with its stamp and its answer.
         stop: Once it returns True, the rest is left out.
+        anchor: Finds the place on a site.
     """
-    odometry = odometry_of(suite, loops)
+    odometry = odometry_of(suite, loops, anchor)
     for step in steps(bag, suite):
         located = odometry.add(*step)
         if located is not None:
@@ -57,24 +63,44 @@ def run(bag: Bag, suite: SensorSuite, loops: bool = True,
 
 
 def estimate(bag: Bag, suite: SensorSuite, advance: Callable[[], None] = lambda: None,
-             stop: Callable[[], bool] = lambda: False) -> Estimate:
+             stop: Callable[[], bool] = lambda: False, anchor: Anchor | None = None) -> Estimate:
     """Return the estimate of the graph for a bag; where there is no GTSAM, that of the reference.
 
     Args:
         advance: Called after each pair.
         stop: Once it returns True, the rest is left out.
+        anchor: Finds the place on a site; the estimate has what was told live, too.
     """
     start = time.monotonic()
     if not has_gtsam():
         return _of_reference(bag, suite, advance, stop, start)
-    odometry = run(bag, suite, True, advance, stop=stop)
+    told: list[tuple[int, Located]] = []
+    news: list[str] = []
+
+    def on_pose(stamp_ns: int, located: Located) -> None:
+        if anchor is not None:
+            told.append((stamp_ns, located))
+            if located.news:
+                news.append(f'{stamp_ns / 1e9:.1f} s: {located.news}')
+
+    odometry = run(bag, suite, True, advance, on_pose, stop, anchor)
     try:
         trajectory = odometry.trajectory()
     except SlamError:
         return Estimate(None, 'lost: it located no frame', 'left', odometry.frames_ns,
                         time.monotonic() - start)
     return Estimate(trajectory, '', 'left', odometry.frames_ns, time.monotonic() - start,
-                    odometry.counts.words)
+                    '\n'.join([odometry.words, *news]), _live(told))
+
+
+def _live(told: list[tuple[int, Located]]) -> Trajectory | None:
+    """Return what was told at the time of each frame; None without any."""
+    if not told:
+        return None
+    T = np.array([located.T_map_left for _, located in told])
+    return Trajectory(np.array([ns for ns, _ in told], np.int64), T[:, :3, 3],
+                      wxyz(Rotation.from_matrix(T[:, :3, :3])), 'graph, live',
+                      np.array([located.covariance for _, located in told]))
 
 
 def _of_reference(bag: Bag, suite: SensorSuite, advance: Callable[[], None],

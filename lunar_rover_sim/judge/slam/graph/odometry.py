@@ -8,7 +8,7 @@ images tell nothing the wheels carry on, or else nothing but a bound on the spee
 grows.
 
 The map has its origin at the first pose of the base, and z up; x is that of the world where sun
-or stars tell it, else where the rover looked.
+or stars tell it, else where the rover looked. With maps from orbit poses are told in the site.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.frames import Array, inverse, se3
 from lunar_rover_sim.judge.evaluation.trajectory import Stamps, Trajectory, wxyz
 from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
+from lunar_rover_sim.judge.slam.graph.anchor import Anchor
 from lunar_rover_sim.judge.slam.graph.keyframes import Keyframe, keyframe
 from lunar_rover_sim.judge.slam.graph.measured import Aids, Stars, Sun, Turns, Wheels
+from lunar_rover_sim.judge.slam.graph.motions import composed, difference, fused, rolled
 from lunar_rover_sim.judge.slam.graph.places import Places
 from lunar_rover_sim.judge.slam.graph.pose_graph import adjoint, gate, PoseGraph
 from lunar_rover_sim.judge.slam.graph.two_pairs import matched_motion, Motion, tracked_motion
@@ -45,7 +47,6 @@ _SPEED_CHANGE_MPS, _TILT_RAD = 0.2, math.radians(0.3)
 # Errors of a sun sensor stay for long: more than its standard deviation for each single factor.
 _SUN_RAD, _STARS_RAD = math.radians(0.4), math.radians(0.06)
 _EXACT = 1e-5                   # standard deviation of what is a choice of the frame [m], [rad]
-_WHEELS_UP_M, _WHEELS_TILT_RAD = 0.03, 0.3
 _MOVED_M = 0.1                  # a correction by more is told
 
 
@@ -113,19 +114,20 @@ class GraphOdometry:
         T_base_left: (4, 4) mount of the left camera.
         gravity_mps2: That the accelerometers feel.
         loops: Whether loops are looked for.
+        anchor: Finds the place of the map on a site; poses are those in the site then.
 
     Raises:
         SlamError: Without GTSAM, or without a baseline.
     """
 
     def __init__(self, camera: Camera, T_base_left: Array, gravity_mps2: float,
-                 loops: bool = True) -> None:
+                 loops: bool = True, anchor: Anchor | None = None) -> None:
         if not camera.baseline_m > 0.0:
             raise SlamError('baseline: 0 is not valid; the graph needs a stereo pair')
         self._camera, self._T_base_left = camera, np.array(T_base_left)
         self._T_left_base = inverse(T_base_left)
         self._gravity_mps2, self._loops = gravity_mps2, loops
-        self._graph = PoseGraph()
+        self._graph, self._anchor = PoseGraph(), anchor
         self._places = Places()
         self._turns = Turns()
         self.counts = Counts()
@@ -141,6 +143,8 @@ class GraphOdometry:
         self._up_ns = 0                         # of the last factor of gravity
         self._seen = False                      # whether images told the last keyframe
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))     # of the last keyframe
+        self._told = self._pose, self._covariance       # the same, or in the site
+        self._site = np.eye(4), np.eye(6)               # of the anchor, at the last keyframe
         # Stamp, key, pose and covariance in that keyframe of every frame.
         self._frames: list[tuple[int, int, Array, Array]] = []
         self._live: dict[int, tuple[Array, Array]] = {}     # keys, as told when they were new
@@ -217,6 +221,9 @@ class GraphOdometry:
             self._graph.attitude(0, *stars)
         elif seen is not None and up is not None:
             self._graph.direction(0, seen[1], seen[0], _SUN_RAD)
+        if self._anchor is not None:
+            self._anchor.begin(self._graph, stars is not None or seen is not None
+                               and up is not None)
         self._graph.solve()
         self._sun = self._stars = None
         self._take(0, stamp_ns, keyframe(self._camera, left, right), aids.wheels)
@@ -240,7 +247,7 @@ class GraphOdometry:
         sigma = np.full(6, _MOST_SPEED_MPS * dt)
         sigma[:3] = min(_MOST_RATE_RADPS * dt, math.pi)
         if wheels is not None and self._wheels is not None:
-            T, covariance = _rolled(self._wheels, wheels)
+            T, covariance = rolled(self._wheels, wheels)
         else:
             T, covariance = se3(self._relative[:3, :3], self._relative[:3, 3]), np.diag(sigma**2)
         if turn is not None:
@@ -268,7 +275,7 @@ class GraphOdometry:
         return T, A @ motion.covariance @ A.T
 
     def _located(self, relative: Array, covariance: Array, seen: bool, news: str) -> Located:
-        T, P = _composed(self._pose, self._covariance, relative, covariance)
+        T, P = composed(*self._told, relative, covariance)
         return Located(T @ self._T_base_left, self._of_left(T, P), seen, news)
 
     def _of_left(self, T_map_base: Array, covariance: Array) -> Array:
@@ -293,15 +300,15 @@ class GraphOdometry:
         self._seen = motion is not None
         if motion is not None:
             relative, covariance = self._in_base(motion)
-            error = _difference(relative, guess)
+            error = difference(relative, guess)
             S = covariance + guess_covariance
             if error @ np.linalg.solve(S, error) > gate(6):
                 self.counts.wheels_refused += 1     # geometry has checked the images
             else:
-                relative, covariance = _fused(relative, covariance, guess, guess_covariance)
+                relative, covariance = fused(relative, covariance, guess, guess_covariance)
         self.counts.unseen += not self._seen
         before, key = self._key, self._key + 1
-        T, P = _composed(self._pose, self._covariance, relative, covariance)
+        T, P = composed(self._pose, self._covariance, relative, covariance)
         self._graph.add(key, T)
         self._graph.between(before, key, relative, covariance)
         self._hold_attitude(key, stamp_ns, T, P)
@@ -312,7 +319,19 @@ class GraphOdometry:
             if len(new) >= _LOOP_INLIERS:
                 self._places.add(key, new, self._pose)
         self.counts.places = len(self._places)
+        if self._anchor is not None:
+            news = '; '.join(filter(None, (news, self._look(key, new))))
         return news
+
+    def _look(self, key: int, new: Keyframe | None) -> str:
+        """Compare the relief with the map from orbit; return what moved."""
+        assert self._anchor is not None
+        self._anchor.add(key, self._pose, np.zeros((0, 3)) if new is None else new.points_m,
+                         self._T_base_left)
+        news = self._anchor.look(self._graph)
+        again = self._solve(key, self._pose, self._covariance)
+        self._read_back()
+        return again or news
 
     def _take(self, key: int, stamp_ns: int, new: Keyframe | None, wheels: Wheels | None) -> None:
         self._key, self._stamp_ns = key, stamp_ns
@@ -325,7 +344,16 @@ class GraphOdometry:
     def _read_back(self) -> None:
         self._pose = self._graph.pose(self._key)
         self._covariance = self._graph.covariance(self._key)
-        self._live[self._key] = self._pose, self._covariance
+        self._told = self._in_site(self._key)
+        if self._anchor is not None:
+            self._site = self._anchor.site(self._graph)
+        self._live[self._key] = self._told
+
+    def _in_site(self, key: int) -> tuple[Array, Array]:
+        """Return pose and covariance of a keyframe as they are told."""
+        if self._anchor is not None:
+            return self._anchor.told(self._graph, key)
+        return self._graph.pose(key), self._graph.covariance(key)
 
     def _solve(self, key: int, T: Array, P: Array) -> str:
         """Solve the graph; if it is singular, begin another one at the last pose."""
@@ -340,6 +368,8 @@ class GraphOdometry:
             # Poses of a singular graph mean nothing: they stay as they were when they were made.
             self._ended.update((k, self._live[k]) for k in range(self._first_key, key))
             self._graph, self._places = PoseGraph(), Places()
+            if self._anchor is not None:
+                self._anchor.begin(self._graph, True, *self._site)
             self._first_key = key
             self._graph.add(key, T)
             self._graph.prior(key, T, P + _EXACT**2 * np.eye(6))
@@ -349,7 +379,7 @@ class GraphOdometry:
     @property
     def _known(self) -> dict[int, tuple[Array, Array]]:
         """Poses and covariances of the keys of this graph."""
-        return {key: (self._graph.pose(key), self._graph.covariance(key))
+        return {key: self._in_site(key)
                 for key in range(self._first_key, self._key + 1)}
 
     def _tilt_sigma_rad(self, time_s: float) -> float:
@@ -415,7 +445,7 @@ class GraphOdometry:
                 continue
             relative, covariance = self._in_base(motion)
             predicted = inverse(self._graph.pose(place.key)) @ self._pose
-            error = _difference(relative, predicted)
+            error = difference(relative, predicted)
             S = self._graph.relative_covariance(place.key, key) + covariance
             if error @ np.linalg.solve(S, error) > gate(6):
                 self.counts.loops_far += 1
@@ -437,6 +467,11 @@ class GraphOdometry:
     # Results
 
     @property
+    def words(self) -> str:
+        """What happened so far, in a line."""
+        return self.counts.words + ('' if self._anchor is None else f'; {self._anchor.words}')
+
+    @property
     def frames_ns(self) -> Stamps:
         """(n,) stamps of all frames that have a pose."""
         return np.array([ns for ns, *_ in self._frames], np.int64)
@@ -452,48 +487,9 @@ class GraphOdometry:
         known = {**self._ended, **self._known}
         poses, covariances = [], []
         for _, key, relative, own in self._frames:
-            T, P = _composed(*known[key], relative, own)
+            T, P = composed(*known[key], relative, own)
             poses.append(T @ self._T_base_left)
             covariances.append(self._of_left(T, P))
         T = np.array(poses)
         return Trajectory(self.frames_ns, T[:, :3, 3], wxyz(Rotation.from_matrix(T[:, :3, :3])),
                           'graph', np.array(covariances))
-
-
-def _composed(T: Array, P: Array, relative: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return the pose T relative, and its covariance, in its own axes."""
-    A = adjoint(inverse(relative))
-    return T @ relative, A @ P @ A.T + covariance
-
-
-def _difference(first: Array, second: Array) -> Array:
-    """Return (turn, shift) (6,) of second^-1 first, in the axes of the end."""
-    D = inverse(second) @ first
-    return np.concatenate([Rotation.from_matrix(D[:3, :3]).as_rotvec(), D[:3, 3]])
-
-
-def _fused(T: Array, P: Array, other: Array, other_covariance: Array) -> tuple[Array, Array]:
-    """Return the mean of two measurements of one motion, weighted by their covariances."""
-    gain = P @ np.linalg.inv(P + other_covariance)
-    move = gain @ _difference(other, T)
-    step = se3(Rotation.from_rotvec(move[:3]).as_matrix(), move[3:])
-    covariance = P - gain @ P
-    return T @ step, 0.5 * (covariance + covariance.T)
-
-
-def _rolled(before: Wheels, now: Wheels) -> tuple[Array, Array]:
-    """Return the motion of the base by the wheels, and its covariance (turn, shift)."""
-    x, y, yaw = now.pose - before.pose
-    c, s = math.cos(before.pose[2]), math.sin(before.pose[2])
-    T = se3(Rotation.from_euler('Z', yaw).as_matrix(), [c * x + s * y, c * y - s * x, 0.0])
-    F = np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
-    added = now.covariance - F @ before.covariance @ F.T
-    c, s = math.cos(now.pose[2]), math.sin(now.pose[2])
-    turned = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    added = turned @ added @ turned.T
-    way = math.hypot(x, y)
-    covariance = np.diag([_WHEELS_TILT_RAD**2] * 2 + [0.0] * 3
-                         + [_WHEELS_UP_M**2 + (0.2 * way)**2])
-    order = [3, 4, 2]
-    covariance[np.ix_(order, order)] += added + np.diag([1e-6, 1e-6, 1e-6])
-    return T, covariance
