@@ -25,7 +25,7 @@ def walked(orbital, length_m=75.0, seed=0, **options):
 @pytest.mark.parametrize('seed', [0, 1, 2])
 def test_it_finds_its_place_and_says_so(seed):
     """Until then the doubt is told; then the error is within what is told."""
-    anchor, found = walked(relief_walk.orbital(0), seed=seed)
+    anchor, found = walked(relief_walk.orbital(0), 100.0, seed=seed)
     first = next(k for k, news in enumerate(found.news) if 'is found' in news)
     assert min(found.sigmas_m[:first]) > 20.0
     errors = np.linalg.norm(np.array(found.errors_m)[first:, :2], axis=1)
@@ -65,7 +65,7 @@ def test_on_a_wrong_map_no_place_is_found(name):
 
 def test_where_the_map_ceases_to_fit_the_place_is_lost_and_the_covariance_grows():
     """From 80 m on the rover sees other ground."""
-    anchor, found = walked(relief_walk.orbital(0), 140.0,
+    anchor, found = walked(relief_walk.orbital(0), 175.0,
                            ground_of=lambda way_m: 0 if way_m < 80.0 else 5)
     lost = [k for k, news in enumerate(found.news) if 'lost on the map' in news]
     assert anchor.fixes == 1 and anchor.losses == len(lost) == 1

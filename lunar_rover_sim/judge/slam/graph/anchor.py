@@ -28,9 +28,10 @@ from lunar_rover_sim.judge.slam.graph.relief import Cells, Relief
 _SITE = 1 << 30             # key of the first pose of the site; one more after each loss
 _FIRST_M, _EVERY_M = 15.0, 5.0      # way before the first look, and between looks
 _MOST_M = 80.0              # of way whose relief is compared
-_STRETCH_M = 15.0           # of each look after the first fix
+_STRETCH_M = 25.0           # of each look after the first fix
 _SURE_M, _OTHERS = 2.0, 1e-4        # a fix: largest deviation, and most share of other places
 _AROUND_M = 4.0             # beyond three deviations, where it looks after the first fix
+_ROUGHER = 4.0              # residuals over those of the first fix, squared, that are believed
 _MOST_REFUSED = 3           # in a row, before the place is lost
 _HEIGHT_M = 30.0            # standard deviation of the height before the first fix
 _EXACT_RAD, _LOOSE_RAD = 1e-5, 1.0
@@ -78,7 +79,7 @@ class Anchor:
         self._next_m = _FIRST_M
         self._key = _SITE
         self._seen_before: tuple[Match, float] | None = None    # the last look without a fix
-        self._in_a_row = 0
+        self._in_a_row, self._scale = 0, math.inf       # mean square of the first fix's residuals
         self.fixes = self.looks = self.refused = self.contradicted = self.losses = 0
         self.is_fixed = self.is_blind = False
 
@@ -157,7 +158,7 @@ class Anchor:
             return ''
         moved = math.dist(found.shift_m[:2], self._shift_of(graph)[:2])
         self._hold(graph, cells, found)
-        self.is_fixed, self._in_a_row = True, 0
+        self.is_fixed, self._in_a_row, self._scale = True, 0, found.scale
         self.fixes += 1
         return (f'its place on the map from orbit is found, {moved:.1f} m from where it was '
                 f'believed, to {found.sigma_m:.1f} m')
@@ -175,14 +176,14 @@ class Anchor:
             return ''
         error = (found.shift_m - believed)[:2]
         S = (found.covariance + here)[:2, :2]
-        if not found.fits:
+        if not found.fits or found.scale > _ROUGHER * self._scale:
             self.refused += 1
         elif error @ np.linalg.solve(S, error) > float(chi2.ppf(_GATE, 2)):
             self.contradicted += 1
         else:
-            self._in_a_row = 0
-            # A place that is not sharp is no Gaussian: it says only how high the ground is.
+            # A place that is not the only one says nothing.
             if found.others < _OTHERS:
+                self._in_a_row = 0
                 self._hold(graph, cells, found)
             return ''
         self._in_a_row += 1

@@ -23,7 +23,7 @@ _STEP_PX = 0.5              # of the first grid, in pixels of the map
 _FINE, _FINE_PX = 8, 0.125  # points of the second grid on each side, and their distance
 _TILE = 512                 # places that are compared at a time
 # What a map says of its errors is smooth; besides, ground between its pixels is off by this much.
-_ALONE_M = 0.07
+_ALONE_M = 0.05
 _DRIFT_M = 0.02             # error of the height by odometry, for each root of a metre of way
 _TILT_RAD = 1.5e-3          # of rover and map together
 _UNKNOWN_M = 100.0          # standard deviation of the height of the rover

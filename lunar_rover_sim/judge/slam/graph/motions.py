@@ -45,6 +45,10 @@ def rolled(before: Wheels, now: Wheels) -> tuple[Array, Array]:
     c, s = math.cos(now.pose[2]), math.sin(now.pose[2])
     turned = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     added = turned @ added @ turned.T
+    # A difference of large covariances: rounding, or odometry of another model, may leave
+    # variances below 0.
+    variances, axes = np.linalg.eigh(0.5 * (added + added.T))
+    added = axes @ np.diag(np.abs(variances)) @ axes.T
     way = math.hypot(x, y)
     covariance = np.diag([_WHEELS_TILT_RAD**2] * 2 + [0.0] * 3
                          + [_WHEELS_UP_M**2 + (0.2 * way)**2])
