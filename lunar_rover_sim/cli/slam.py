@@ -171,9 +171,9 @@ def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool,
             f'{result.nees_orientation:.2f}; covariances are in {output / COVARIANCE}')
     if anchor is not None:
         say('no place was found on the map from orbit: the estimate is lost on the site'
-            if not result.fixes else
-            f'first fix after {result.first_fix_m:.1f} m; {result.fixes} fixes, '
-            f'{result.false_fixes} false; horizontal error from then on '
+            if not result.fixes > 0 else
+            f'first fix after {result.first_fix_m:.1f} m; {result.fixes:.0f} fixes, '
+            f'{result.false_fixes:.0f} false; horizontal error from then on '
             f'{result.absolute_median_m:.2f} m in the median, {result.absolute_p95_m:.2f} m at '
             f'p95; {output / LIVE} has what was told at the time')
     if (output / ESTIMATE).is_file():

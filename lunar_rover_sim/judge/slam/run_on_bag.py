@@ -57,7 +57,7 @@ class SlamResult:
         nees_position, nees_orientation: Per degree of freedom; of estimates with covariances.
         words: What the estimator counted.
         fixes, false_fixes, first_fix_m: How often it found its place on a site, wrongly, and the
-            way to the first time.
+            way to the first time; NaN without a map.
         absolute_median_m, absolute_p95_m: Horizontal errors of what it told from then on.
     """
 
@@ -78,8 +78,8 @@ class SlamResult:
     nees_position: float = float('nan')
     nees_orientation: float = float('nan')
     words: str = ''
-    fixes: int = 0
-    false_fixes: int = 0
+    fixes: float = float('nan')
+    false_fixes: float = float('nan')
     first_fix_m: float = float('nan')
     absolute_median_m: float = float('nan')
     absolute_p95_m: float = float('nan')
