@@ -268,9 +268,10 @@ class NavigatorNode(node_main.GraphNode):
         if command.status.is_end and not self._is_done:
             self._is_done = True
             if self._config.end_after_s >= 0.0:
-                # At a whole second: there every topic with a period has a message.
+                # Where every topic with a period has a message.
                 end = now_ns + round(self._config.end_after_s * 1e9)
-                end = -(-end // NS_PER_S) * NS_PER_S
+                step = round(self._config.end_step_s * 1e9)
+                end = -(-end // step) * step
                 self._outputs[topics.NAVIGATED].publish(Header(stamp=conversions.time_msg(end)))
 
     def _tell_way(self, T: Array, now_ns: int) -> None:

@@ -371,6 +371,8 @@ class NavigatorNodeConfig(PacedConfig, NodeConfig, NavigatorConfig):
     end_after_s: float = param(1.0, 'time after arrival, or after giving up, at which a run ends; '
                                'negative: it goes on for its whole duration', unit='s', low=-1.0,
                                high=3600.0)
+    end_step_s: float = param(1.0, 'that end is a multiple of this, at which images and scans are '
+                              'due; a run sets it', unit='s', low=0.001, high=1000.0)
     maps: str = param('', 'folder of maps from orbit, of `world export --orbital`, by which far '
                       'goals are planned to; empty: those of the world, heights at 2 m, made at '
                       'the start')

@@ -20,6 +20,7 @@ from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import BAG_FOLDER, make_new_folder
 from lunar_rover_sim.base.parameters import replaced
+from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.rover.description import save_rover
 from lunar_rover_sim.rover.gait.calibration import packaged_calibration
 from lunar_rover_sim.run.node_config import (DEPTH_TOPICS, FOLLOWS, FRAME_TOPICS, LEG_CONTROLLERS,
@@ -117,6 +118,7 @@ def _following(scenario: Scenario) -> dict[str, Any]:
         'lidar_node.await_ground': lidar.await_ground or ground_gives}
     if 'navigator_node' in nodes:
         values['physics_node.end_when_navigated'] = scenario.navigator_node.end_after_s >= 0.0
+        values['navigator_node.end_step_s'] = math.lcm(step_ns, NS_PER_S) / 1e9
         values['navigator_node.map_period_s'] = (
             lidar.period_ns if scenario.mapping_node.depth == LIDAR else render.depth_period_ns
         ) / 1e9

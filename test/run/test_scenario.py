@@ -366,3 +366,13 @@ def test_a_recorded_scenario_of_an_earlier_version_is_read(
     assert Scenario.load(path, ['navigator_node.plan.blind_m=0.3']).name
     assert 'navigator_node.plan.blind_m: there is no such parameter any more; 0.3 is ignored' in \
         caplog.text
+
+
+@pytest.mark.parametrize('frame_hz, depth_every, end_s', [(10.0, 2, 1.0), (0.5, 1, 2.0),
+                                                          (0.25, 1, 4.0), (0.5, 2, 2.0)])
+def test_a_drive_ends_where_images_are_due(frame_hz, depth_every, end_s):
+    """Time waits for the answers to its end: between two images there would be none."""
+    scenario = resolve(Scenario.load('expedition', [
+        f'render_node.frame_rate_hz={frame_hz}', f'render_node.depth_every={depth_every}',
+        'navigator_node.map_age_s=20']))
+    assert scenario.navigator_node.end_step_s == end_s
