@@ -144,8 +144,9 @@ class _SiteTiles:
         self.half_extent_m = site.half_extent_m
         self._box = widened(box_around((0.0, 0.0), site.half_extent_m), _AROUND_M)
         most = 2 * (math.ceil((self._box[1] - self._box[0]) / (_CELLS * self._cell)) + 1)
-        self._heights, self._albedo, self._rocks = (functools.lru_cache(most)(make) for make in (
-            self._heights_of, self._albedo_of, self._rocks_of))
+        self._heights = functools.lru_cache(most)(self._heights_of)
+        self._albedo = functools.lru_cache(most)(self._albedo_of)
+        self._rocks = functools.lru_cache(most)(self._rocks_of)
 
     def heights(self, x_m: Array, y_m: Array) -> Array:
         return self._on_axes(self._heights, x_m, y_m)
