@@ -1,6 +1,11 @@
-"""stereo_image_proc on the simulated pair; start the graph of the rover beside it."""
+"""stereo_image_proc on the simulated pair; start the graph of the rover beside it.
+
+With `rectify:=true`, for cameras with distortion, image_proc rectifies the images first.
+"""
 
 from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import ComposableNodeContainer, SetParameter
 from launch_ros.descriptions import ComposableNode
 
@@ -11,22 +16,37 @@ PAIR = [('left/image_rect', 'stereo/left/image_raw'),
         ('right/image_rect', 'stereo/right/image_raw'),
         ('right/camera_info', 'stereo/right/camera_info'),
         ('disparity', 'stereo_image_proc/disparity'), ('points2', 'stereo_image_proc/points2')]
+RECTIFIED = {'stereo/left/image_raw': 'stereo/left/image_rect',
+             'stereo/right/image_raw': 'stereo/right/image_rect'}
+# Large images stay in the process.
+INSIDE = [{'use_intra_process_comms': True}]
+
+
+def container(context):
+    """Return disparity and points in one container, after two nodes that rectify if asked for."""
+    pair, before = PAIR, []
+    if LaunchConfiguration('rectify').perform(context).lower() == 'true':
+        pair = [(theirs, RECTIFIED.get(ours, ours)) for theirs, ours in PAIR]
+        before = [ComposableNode(package='image_proc', plugin='image_proc::RectifyNode',
+                                 name=f"rectify_{raw.split('/')[1]}", extra_arguments=INSIDE,
+                                 remappings=[('image', raw), ('image_rect', rect)])
+                  for raw, rect in RECTIFIED.items()]
+    return [ComposableNodeContainer(
+        name='stereo_image_proc', namespace='', package='rclcpp_components',
+        executable='component_container', output='screen', composable_node_descriptions=[
+            *before,
+            ComposableNode(package='stereo_image_proc', remappings=pair,
+                           plugin='stereo_image_proc::DisparityNode',
+                           parameters=[{'approximate_sync': False, 'stereo_algorithm': 1,
+                                        'disparity_range': 128, 'correlation_window_size': 7}],
+                           extra_arguments=INSIDE),
+            ComposableNode(package='stereo_image_proc', remappings=pair,
+                           plugin='stereo_image_proc::PointCloudNode',
+                           parameters=[{'approximate_sync': False}], extra_arguments=INSIDE)])]
 
 
 def generate_launch_description():
-    """Return disparity and points in one container: the large images stay in the process."""
-    return LaunchDescription([
-        SetParameter('use_sim_time', True),
-        ComposableNodeContainer(
-            name='stereo_image_proc', namespace='', package='rclcpp_components',
-            executable='component_container', output='screen', composable_node_descriptions=[
-                ComposableNode(package='stereo_image_proc', remappings=PAIR,
-                               plugin='stereo_image_proc::DisparityNode',
-                               parameters=[{'approximate_sync': False, 'stereo_algorithm': 1,
-                                            'disparity_range': 128,
-                                            'correlation_window_size': 7}],
-                               extra_arguments=[{'use_intra_process_comms': True}]),
-                ComposableNode(package='stereo_image_proc', remappings=PAIR,
-                               plugin='stereo_image_proc::PointCloudNode',
-                               parameters=[{'approximate_sync': False}],
-                               extra_arguments=[{'use_intra_process_comms': True}])])])
+    """Return the container."""
+    return LaunchDescription([DeclareLaunchArgument('rectify', default_value='false'),
+                              SetParameter('use_sim_time', True),
+                              OpaqueFunction(function=container)])

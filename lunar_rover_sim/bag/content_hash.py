@@ -14,7 +14,7 @@ Topics that depend on wall time or on the process are skipped, see `SKIPPED`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 import hashlib
 from pathlib import Path
 import struct
@@ -72,12 +72,13 @@ class ContentHash:
     """The hashes of the topics of an open bag, from its messages one by one.
 
     Attributes:
-        topics: Those that count, see `SKIPPED`; each of their messages is to be added.
+        topics: Those that count, all but `SKIPPED`, or those of `only`; each of their messages is
+            to be added.
     """
 
-    def __init__(self, bag: Bag) -> None:
+    def __init__(self, bag: Bag, only: Collection[str] = ()) -> None:
         self._bag = bag
-        self.topics = [topic for topic in bag.types if not is_skipped(topic)]
+        self.topics = [topic for topic in only or bag.types if not is_skipped(topic)]
         self._states = {topic: _TopicHash() for topic in self.topics}
         self._cdr = PlainCdr(bag.typestore, bag.decode)
 
@@ -103,14 +104,18 @@ class ContentHash:
         return combine(self.by_topic(), self._bag.types)
 
 
-def topic_hashes(path: Path | str, progress: Callable[[], None] | None = None) -> dict[str, str]:
+def topic_hashes(path: Path | str, progress: Callable[[], None] | None = None,
+                 only: Collection[str] = ()) -> dict[str, str]:
     """Return topic → hexadecimal hash; `progress` is called once per message.
+
+    Args:
+        only: Topics, by their full names; none: all.
 
     Raises:
         BagError: If the bag cannot be read.
     """
     with open_bag(path) as bag:
-        return _read(bag, progress).by_topic()
+        return _read(bag, progress, only).by_topic()
 
 
 def bag_hash(path: Path | str) -> str:
@@ -120,7 +125,7 @@ def bag_hash(path: Path | str) -> str:
         BagError: If the bag cannot be read.
     """
     with open_bag(path) as bag:
-        return _read(bag, None).of_bag()
+        return _read(bag, None, ()).of_bag()
 
 
 def combine(hashes: Mapping[str, str], types: Mapping[str, str]) -> str:
@@ -129,8 +134,8 @@ def combine(hashes: Mapping[str, str], types: Mapping[str, str]) -> str:
     return hashlib.sha256(''.join(lines).encode()).hexdigest()
 
 
-def _read(bag: Bag, progress: Callable[[], None] | None) -> ContentHash:
-    hashes = ContentHash(bag)
+def _read(bag: Bag, progress: Callable[[], None] | None, only: Collection[str]) -> ContentHash:
+    hashes = ContentHash(bag, only)
     for message in bag.raw(hashes.topics) if hashes.topics else ():
         hashes.add(message)
         if progress is not None:

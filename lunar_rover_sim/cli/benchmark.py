@@ -7,7 +7,11 @@ from pathlib import Path
 import signal
 
 import click
+from click.core import ParameterSource
 
+from lunar_rover_sim.base.errors import SlamError
+from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.results import json_text
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.slam import paper_of, paper_option, system_options
 from lunar_rover_sim.cli.terminal import Progress, say
@@ -15,8 +19,9 @@ from lunar_rover_sim.judge.slam.benchmark import Cell, plan
 from lunar_rover_sim.judge.slam.benchmark import run as run_cells
 from lunar_rover_sim.judge.slam.benchmark import scenario_of
 from lunar_rover_sim.judge.slam.benchmark_report import write_report
-from lunar_rover_sim.judge.slam.drives import seeds_of
+from lunar_rover_sim.judge.slam.drives import Judged, seeds_of
 from lunar_rover_sim.judge.slam.estimators import Estimator
+from lunar_rover_sim.judge.slam.seal import read_seal, scores, Seal
 from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS
 
 
@@ -36,19 +41,28 @@ from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS
 @paper_option
 @click.option('--retry', is_flag=True, help='repeat cells that failed')
 @options.workers('drives at the same time; each keeps one to two cores busy')
+@click.option('--sealed', type=options.PATH, metavar='FILE', help='the drives of a seal, which '
+              '`slam seal` wrote; recordings are compared with it, scores are in score.json')
 @system_options
 def benchmark(output: Path, scenarios: Sequence[str], sensors: Sequence[str], seeds: str,
               duration: float, sweep: str, overrides: list[str], paper: Path | None, retry: bool,
-              workers: int, estimator: Callable[[str], Estimator]) -> int:
+              workers: int, sealed: Path | None, estimator: Callable[[str], Estimator]) -> int:
     """Record drives, run an estimator on each, and make a table.
 
     Writes SYSTEM.md, .csv, .tex, .html and SYSTEM_drives.csv; of a sweep SYSTEM.png. The same call
-    goes on; `slam table` joins parts.
+    goes on; `slam table` joins parts. With --sealed it exits with 1 if a recording is not the
+    sealed one.
     """
+    seal = None if sealed is None else _seal(sealed)
     parameter, _, values = sweep.partition('=')
     published = paper_of(paper, parameter)
-    cells = plan(scenarios, [estimator(sensor) for sensor in sensors], seeds_of(seeds),
-                 duration, parameter, [v for v in values.split(',') if v], overrides)
+    estimators = [estimator(sensor) for sensor in sensors]
+    if seal is None:
+        cells = plan(scenarios, estimators, seeds_of(seeds), duration, parameter,
+                     [v for v in values.split(',') if v], overrides)
+    else:
+        cells = plan(seal.scenarios, estimators, seal.seeds, seal.duration_s,
+                     overrides=seal.settings)
     # Errors in any scenario are reported now, not after hours.
     for drive in dict.fromkeys(cell.drive for cell in cells):
         scenario_of(drive)
@@ -70,7 +84,40 @@ def benchmark(output: Path, scenarios: Sequence[str], sensors: Sequence[str], se
     print(report.table)
     for line in (*report.findings, *report.files):
         say(line)
-    return 0
+    return 0 if seal is None else _score(seal, [cell.judged(output) for cell in done], output)
+
+
+def _seal(path: Path) -> Seal:
+    """Return a seal; refuse options that it answers itself."""
+    context = click.get_current_context()
+    for option in ('scenarios', 'seeds', 'duration', 'sweep', 'overrides', 'rover'):
+        if context.get_parameter_source(option) is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f'--{"set" if option == "overrides" else option}: comes from '
+                                   'the seal with --sealed')
+    return read_seal(path)
+
+
+def _score(seal: Seal, judged: Sequence[Judged], folder: Path) -> int:
+    """Compare recordings with the seal, and write and say the scores; return the exit status."""
+    with Progress('comparing with the seal', len(seal.drives)) as progress:
+        problems = seal.problems(folder, lambda name: progress.advance())
+    rows = scores(judged)
+    path = folder / 'score.json'
+    atomic_write(path, json_text({
+        'benchmark': seal.name, 'version': seal.version, 'is_sealed': not problems,
+        'problems': problems, 'scores': rows, 'sealed_scores': list(seal.results)}) + '\n',
+        SlamError)
+    for row in (*rows, *({**row, 'system': f'{row["system"]} (sealed)'} for row in seal.results)):
+        error = row['ate_percent']
+        say(f'{row["scenario"]} {row["sensor"]} {row["system"]}: {row["successes"]} of '
+            f'{row["drives"]}, ' + ('too many failures for a median' if error is None
+                                    else f'median ATE {error:.3g} % of the distance'))
+    for problem in problems:
+        say(problem)
+    say(f'{seal.name}, version {seal.version}: '
+        + (f'{len(problems)} differences from the seal: the scores do not count' if problems
+           else f'all {len(seal.drives)} recordings are the sealed ones') + f'; {path}')
+    return 1 if problems else 0
 
 
 def _describe(cell: Cell) -> str:

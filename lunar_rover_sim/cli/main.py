@@ -77,6 +77,8 @@ COMMANDS = {
                           'URDF'),
     'run': Entry('run:run', 'simulate and record a scenario'),
     'slam run': Entry('slam:run', 'run a SLAM program on a bag and evaluate its result'),
+    'slam seal': Entry('slam:seal', 'seal a benchmark, so that others make, verify and score the '
+                       'same drives'),
     'slam settings': Entry('slam:settings', 'write the settings file of ORB-SLAM3 for a bag or a '
                            'scenario'),
     'slam table': Entry('slam:table', 'one table of the parts of a benchmark that ran on several '

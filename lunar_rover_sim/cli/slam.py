@@ -27,6 +27,7 @@ from lunar_rover_sim.judge.slam.drives import join
 from lunar_rover_sim.judge.slam.estimators import Estimator, stock_program, SYSTEMS
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor, Doubt
 from lunar_rover_sim.judge.slam.run_on_bag import COVARIANCE, ESTIMATE, LIVE, run_on_bag
+from lunar_rover_sim.judge.slam.seal import write_seal
 from lunar_rover_sim.judge.slam.table import Paper, read_paper
 from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS
 from lunar_rover_sim.products.sequences.orbslam3_settings import settings as settings_text
@@ -198,6 +199,24 @@ def _anchor(system: Estimator, orbital: Path | None, near: tuple[float, float] |
     if near is None:
         raise ConfigError('--orbital: needs --near X,Y, a place that the start is near to')
     return Anchor(OrbitalMap.load(orbital), Doubt(near, doubt_m))
+
+
+@options.command()
+@options.argument('folder', 'the folder of a finished benchmark', type=options.PATH, metavar='DIR')
+@_file
+@click.option('--name', default='benchmark', metavar='TEXT', help='of the benchmark')
+@options.bounded('--version', 1, kind=int, default=1, help='of the benchmark')
+def seal(folder: Path, output: Path, name: str, version: int) -> int:
+    """Seal a benchmark: `benchmark --sealed FILE` then makes, verifies and scores its drives.
+
+    The seal names scenarios, seeds, duration and settings, and holds hashes of worlds and motion,
+    grey levels of images, and the scores of the estimators in the folder.
+    """
+    text = write_seal(folder, name, version)
+    options.refuse_existing(output, option=False)
+    atomic_write(output, text, SlamError)
+    say(output)
+    return 0
 
 
 @options.command()
