@@ -136,7 +136,7 @@ class SunPass:
                                  alignment=1, dtype='f4')
         return np.frombuffer(data, np.float32).reshape(2, n, n) == 1.0
 
-    def _image(self, scene: Scene, first: NDArray[np.int64]) -> Array:
+    def _image(self, scene: Scene, first: NDArray[np.int64]) -> NDArray[np.float32]:
         """Return the (2, side, side) mean radiance of pixels, of both cameras."""
         assert scene.sun is not None
         rays, K = self._square.rays(first), self._projection.K
