@@ -58,10 +58,11 @@ def orbital_map(ground: World | Site | MappedGround, config: OrbitalConfig = Orb
         raise WorldError(f'extent_m: {config.extent_m:g} is not valid; valid is <= '
                          f'{2.0 * source.half_extent_m:g} [m], of this ground')
     for name, pixel in (('pixel_m', config.pixel_m), ('photo_pixel_m', config.photo_pixel_m)):
-        if pixel and not _LEAST_PX <= 2.0 * half / pixel <= _MOST_PX:
-            raise WorldError(f'{name}: {pixel:g} is not valid; valid is '
-                             f'{2.0 * half / _MOST_PX:.3g} to {2.0 * half / _LEAST_PX:g} [m], for '
-                             f'{2.0 * half:g} m of ground; extent_m makes that smaller')
+        least, most = 2.0 * half / _MOST_PX, 2.0 * half / _LEAST_PX
+        if pixel and not least <= pixel <= most:
+            valid = f'<= {most:g}' if pixel > most else f'>= {least:.3g}'
+            raise WorldError(f'{name}: {pixel:g} is not valid; valid is {valid} [m], for '
+                             f'{2.0 * half:g} m of ground')
     true = _true_heights(source, half, config.pixel_m, lambda share: tell('heights', share))
     n = len(true)
     first = 0.5 * (1 - n) * config.pixel_m
