@@ -212,8 +212,8 @@ def seal(folder: Path, output: Path, name: str, version: int) -> int:
     The seal names scenarios, seeds, duration and settings, and holds hashes of worlds and motion,
     grey levels of images, and the scores of the estimators in the folder.
     """
-    text = write_seal(folder, name, version)
     options.refuse_existing(output, option=False)
+    text = write_seal(folder, name, version)
     atomic_write(output, text, SlamError)
     say(output)
     return 0

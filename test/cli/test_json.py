@@ -42,7 +42,7 @@ COMMANDS = {
 WITHOUT = {
     'what it makes are files': (
         'bag preview', 'bag video', 'bag recover', 'bag export', 'dataset card', 'dataset shards',
-        'demo', 'render', 'rover export', 'run', 'slam settings',
+        'demo', 'render', 'rover export', 'run', 'slam seal', 'slam settings',
         'world build', 'world export', 'world preview',
         'calibrate gait'),
     'what it finds is a CSV, JSON or Markdown file': (

@@ -159,7 +159,8 @@ class OrbitalMap:
         except OSError as reason:
             raise WorldError(f'{folder}: {reason.strerror}') from None
         tags = {'ground': self.name, 'error_seed': str(self.config.error_seed)}
-        files = [(HEIGHTS_FILE, self.heights_m, self.first_m, self.pixel_m, math.nan)]
+        files: list[tuple[str, NDArray[Any], tuple[float, float], float, float]] = [
+            (HEIGHTS_FILE, self.heights_m, self.first_m, self.pixel_m, math.nan)]
         if self.photo.size:
             files.append((PHOTO_FILE, self.photo, self.photo_first_m, self.config.photo_pixel_m,
                           NO_PHOTO))

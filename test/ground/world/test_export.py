@@ -190,8 +190,9 @@ def test_ground_is_thinned_out_to_513_samples_along_a_side(samples, kept):
 
 def test_a_preview_that_cannot_be_written_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(map_sheet, 'sheet', lambda *_: Figure())
+    (tmp_path / 'file').touch()
     with pytest.raises(WorldError, match='cannot be written'):
-        map_sheet.write(worlds.small(), tmp_path / 'nowhere' / 'sheet.png')
+        map_sheet.write(worlds.small(), tmp_path / 'file' / 'sheet.png')
 
 
 def call(*argv):
