@@ -58,8 +58,11 @@ class SeenDepth:
         self.real_baseline_m = rig.baseline_m * self._real
         self._rays = rig.rays().reshape(-1, 3)
         self._lengths = np.linalg.norm(self._rays, axis=1)
-        hulls = RockHulls(world.rocks, world.rock_shapes)
-        self._caster = RayCaster([HeightPyramid(world.ground, hulls)], hulls)
+        # Rays are cast in the frame of the window.
+        self._middle_m = np.array(world.ground.middle_m)
+        local = world.local()
+        hulls = RockHulls(local.rocks, local.rock_shapes)
+        self._caster = RayCaster([HeightPyramid(local.ground, hulls)], hulls)
         self._limit_m = world.ground.half_extent_m - 0.5
         self._sun = sun_direction(sun.azimuth_deg, sun.elevation_deg)
         self._rng = np.random.default_rng([seed, 46])
@@ -67,6 +70,7 @@ class SeenDepth:
     def look(self, T_world_base: Array, range_m: float) -> NDArray[np.float32]:
         """Return the depth (h, w) [m] at a pose (4, 4), NaN where nothing is matched."""
         T = T_world_base @ self.T_base_camera
+        T[:2, 3] -= self._middle_m
         rays = self._rays @ T[:3, :3].T / self._lengths[:, None]
         origin = np.broadcast_to(T[:3, 3], rays.shape)
         depth = np.full(len(rays), np.nan)

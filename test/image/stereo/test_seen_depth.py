@@ -3,8 +3,10 @@
 import numpy as np
 from physics_scene import make_world, ROVER
 import pytest
+import worlds
 
 from lunar_rover_sim.base.frames import se3
+from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.illumination.config import SunConfig
 from lunar_rover_sim.image.stereo.seen_depth import ERROR_PX, SeenDepth, UNMATCHED, WRONG
@@ -35,6 +37,16 @@ def test_exact_depth_is_that_of_the_plane():
     for x, blind in ((-4.51, True), (-4.49, False)):
         depth = seen.look(se3(np.eye(3), (x - ahead_m, 0.0, 0.1)), RANGE_M)
         assert np.isnan(depth).all() == blind
+
+
+def test_a_place_of_a_site_is_seen_alike_from_two_windows():
+    site = Site.of(worlds.world(size_m=25.6, cell_m=0.05))
+    windows = [site.window(middle) for middle in ((0.0, 0.0), (12.8, 12.8))]
+    z = windows[0].height_at(np.array([6.4, 7.0])) + 0.1
+    here, there = (SeenDepth(window, ROVER, CameraConfig(), SunConfig(), 1, exact=True)
+                   .look(se3(np.eye(3), (6.4, 7.0, z)), RANGE_M) for window in windows)
+    assert np.isfinite(here).mean() > 0.3
+    np.testing.assert_allclose(there, here, atol=1e-5)
 
 
 def test_errors_are_those_of_the_matcher():
