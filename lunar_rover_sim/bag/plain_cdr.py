@@ -80,7 +80,7 @@ class PlainCdr:
         if self._unlike.get(topic, 0) < _MOST_UNLIKE:
             self._unlike[topic] = self._unlike.get(topic, 0) + 1
             found = _Walk(self._typestore, data).layout(msgtype)
-            # Whoever reads the definition in another way than `rosbags` has no say.
+            # The layout is kept only if it gives the same bytes as `rosbags`.
             if found is not None and found.fits(data) and found.plain(data) == plain:
                 self._layouts[topic] = found
         return plain
