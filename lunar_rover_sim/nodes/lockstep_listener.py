@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 import time
 from typing import Any
 
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from lunar_rover_sim.bag.messages import time_ns
@@ -203,10 +202,10 @@ class LockstepListener:
                                  'cannot wait for them')
             self._take_answer(topic, stamp)
 
-        on_loss = self._node.guarded(lambda event: self._on_loss(topic, event))
-        # In lockstep the first loss ends the node.
-        events = (SubscriptionEventCallbacks(message_lost=on_loss) if self._lockstep
-                  else qos.loss_events(topics.topic_of(topic.lstrip('/')), on_loss))
+        events = (qos.FirstLoss(self._node.guarded(lambda: self._fail_by_loss(topic)))
+                  if self._lockstep else
+                  qos.loss_events(topics.topic_of(topic.lstrip('/')), self._node.guarded(
+                      lambda event: self._on_loss(topic, event))))
         # Messages without a handler may be large: they are not deserialised.
         raw = topic not in self._handlers
         self._node.create_subscription(message_class(type_name), topic,
@@ -214,12 +213,15 @@ class LockstepListener:
                                        qos.reliable(qos.STATE_DEPTH), raw=raw,
                                        event_callbacks=events)
 
+    def _fail_by_loss(self, topic: str) -> None:
+        raise GraphError(f'{topic}: messages of {self._publishers(topic)} are lost; give its '
+                         'publisher a depth of at least its lag')
+
     def _on_loss(self, topic: str, event: Any) -> None:
         self.drops.add(f'Messages of {topic}', event.total_count_change)
-        lost = f'{topic}: {event.total_count} messages of {self._publishers(topic)} are lost'
-        if self._lockstep:
-            raise GraphError(f'{lost}; give its publisher a depth of at least its lag')
-        self._node.get_logger().warning(lost, throttle_duration_sec=1.0)
+        self._node.get_logger().warning(
+            f'{topic}: {event.total_count} messages of {self._publishers(topic)} are lost',
+            throttle_duration_sec=1.0)
 
     def _take_answer(self, topic: str, stamp: int, msg: Any = None) -> None:
         now_ns = self._now_ns()

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
-from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.event_handler import EventHandler, QoSSubscriptionEventType, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
@@ -85,6 +85,35 @@ def loss_events(topic: Topic | None,
     if topic is None or topic.rate in (EVENT, LATCHED):
         return None
     return SubscriptionEventCallbacks(message_lost=on_loss)
+
+
+class FirstLoss(SubscriptionEventCallbacks):
+    """The event that a message is lost, for those who end at the first one.
+
+    It is not taken, so nothing locks up (see `loss_events`), and nobody learns how many are lost.
+
+    Args:
+        on_loss: Called without an argument; the node must end, or it is called again and again.
+    """
+
+    def __init__(self, on_loss: Callable[[], None]) -> None:
+        super().__init__()
+        self._on_loss = on_loss
+
+    def create_event_handlers(self, callback_group: Any, subscription: Any,
+                              topic_name: str) -> list[EventHandler]:
+        """Return the handlers of a new subscription; rclpy calls this."""
+        return [*super().create_event_handlers(callback_group, subscription, topic_name),
+                _UntakenEvent(callback_group=callback_group,
+                              callback=lambda _: self._on_loss(),
+                              event_type=QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST,
+                              parent_impl=subscription)]
+
+
+class _UntakenEvent(EventHandler):
+
+    def take_data(self) -> bool:
+        return True
 
 
 PREFIX = 'qos_overrides.'

@@ -301,7 +301,7 @@ def test_a_flood_of_answers_locks_nothing_up(peer: Peer, world_folder: Path,
     if time_mode == 'lockstep':
         with ended('physics_node', *arguments) as errors:
             flood()
-        assert re.match('FATAL cmd_vel: [0-9]+ messages of .* are lost', errors[-1])
+        assert re.match('FATAL cmd_vel: messages of .* are lost', errors[-1])
     else:
         with running('physics_node', *arguments):
             flood()
