@@ -91,6 +91,8 @@ class _Levels:
         self._world, self._last = world, world.levels[-1]
         self.half_extent_m = self._last.half_extent_m
         self._factor = far_albedo(world, len(world.levels) - 1) if len(world.levels) > 1 else None
+        # Millions lie on the last level.
+        self._rocks_to = functools.lru_cache(1)(self._all_rocks)
 
     def heights(self, x_m: Array, y_m: Array) -> Array:
         found = np.full((len(y_m), len(x_m)), np.nan)
@@ -111,11 +113,14 @@ class _Levels:
         return self._world.craters
 
     def rocks(self, least_m: float, box: Box) -> Rocks:
-        return self._all_rocks.select(self._all_rocks.diameter_m >= least_m)
+        half = self._world.ground.half_extent_m
+        away = max(*map(abs, box), half) + self._world.config.rocks.max_diameter_m
+        reach = min(half * 2.0 ** math.ceil(math.log2(away / half)), self.half_extent_m)
+        rocks = self._rocks_to(reach)
+        return rocks.select(rocks.diameter_m >= least_m)
 
-    @functools.cached_property
-    def _all_rocks(self) -> Rocks:
-        far = far_rocks(self._world, self.half_extent_m)
+    def _all_rocks(self, reach_m: float) -> Rocks:
+        far = far_rocks(self._world, reach_m)
         return self._world.rocks.joined(far) if len(far) else self._world.rocks
 
 
