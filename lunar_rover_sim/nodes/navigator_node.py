@@ -120,8 +120,9 @@ class NavigatorNode(node_main.GraphNode):
         maps = OrbitalMap.load(pathlib.Path(config.maps)) if world is None or config.maps \
             else orbital_map(world, OrbitalConfig(photo_pixel_m=0.0))
         sun = sun_of_date(config.sun, None if world is None else reported_site(world.report))
+        margin = 0.0 if world is None else Site.of(world).hole_margin_m
         return GroundCosts.of(maps, config.far, (sun.azimuth_deg, sun.elevation_deg)
-                              if sun.shines and sun.elevation_deg > 0.0 else None)
+                              if sun.shines and sun.elevation_deg > 0.0 else None, margin)
 
     # Input
 

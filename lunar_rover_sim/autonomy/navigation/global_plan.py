@@ -51,7 +51,7 @@ class GroundCosts:
 
     @staticmethod
     def of(orbital: OrbitalMap, config: GlobalPlanConfig = GlobalPlanConfig(),
-           sun_deg: tuple[float, float] | None = None) -> GroundCosts:
+           sun_deg: tuple[float, float] | None = None, hole_margin_m: float = 0.0) -> GroundCosts:
         """Return the costs of a map from orbit.
 
         Args:
@@ -59,6 +59,7 @@ class GroundCosts:
             config: What is dear.
             sun_deg: Azimuth and elevation of the sun, for the shadows of the relief; None: no
                 shadow is known.
+            hole_margin_m: Ground nearer to a hole than this, in x or y, counts as a hole.
         """
         factor = max(1, round(config.cell_m / orbital.pixel_m))
         cell = factor * orbital.pixel_m
@@ -83,6 +84,9 @@ class GroundCosts:
         rough = np.maximum(_roughness(filled) - _unresolved(errors.height_stddev_m, cell, length),
                            0.0)
         cost += _ROUGH_COST * np.minimum(rough / _ROUGH_M, 2.0) ** 2
+        if not known.all():
+            reach = 2 * math.ceil(hole_margin_m / cell) + 1
+            known = scipy.ndimage.minimum_filter(known, reach, mode='nearest')
         west, south = orbital.bounds_m[:2]
         x, y = (low + (np.arange(n) + 0.5) * cell for low, n in ((west, columns), (south, rows)))
         _add_craters(cost, x, y, cell, orbital)

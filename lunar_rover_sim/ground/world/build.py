@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lunar_rover_sim.base.errors import check_argument
+from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world import albedo, block_means
 from lunar_rover_sim.ground.world import levels as nest
 from lunar_rover_sim.ground.world import rockfield, shapes, spline
@@ -22,6 +23,7 @@ from lunar_rover_sim.ground.world.grid import (Box, height_step_m, HeightGrid, o
 from lunar_rover_sim.ground.world.levels import axis_m
 from lunar_rover_sim.ground.world.mesh import MeshSource
 from lunar_rover_sim.ground.world.model import World
+from lunar_rover_sim.ground.world.raster import Raster
 from lunar_rover_sim.ground.world.spline import F32
 from lunar_rover_sim.ground.world.terrain import Terrain
 
@@ -184,6 +186,19 @@ class Builder:
             WorldError: If the source cannot be read.
         """
         return self._over_origin(self._terrain.rectangle(k, first, shape), self.cells[k])
+
+    def has_ground(self, x_m: Array, y_m: Array) -> NDArray[np.bool_]:
+        """Return where windows can be made as far as the ground itself goes: it has no hole.
+
+        Args:
+            x_m, y_m: (n,) and (m,), ascending, evenly spaced.
+
+        Returns:
+            (m, n). Holes that are filled are none.
+        """
+        if self.config.dem.nodata == 'refuse' and isinstance(self.source, Raster):
+            return self.source.has_data(x_m, y_m)
+        return np.ones((len(y_m), len(x_m)), bool)
 
     def craters(self, box: Box, least_m: float) -> Craters:
         """Return the craters of a least diameter whose centres lie in a box."""

@@ -40,7 +40,7 @@ class MappedGround:
 
     Attributes:
         heights: Takes x (n,) and y (m,), ascending, and returns heights (m, n) [m], NaN where
-            there are none.
+            there are none, as in holes of an elevation model that are not to be filled.
         albedo: Takes the same and returns the albedo factor (m, n).
         half_extent_m: It reaches so far from the origin, in x and in y.
         craters: Takes a least diameter [m]; returns all larger craters, and perhaps smaller ones.
@@ -193,7 +193,11 @@ class _SiteTiles:
 
     def _heights_of(self, place: tuple[int, int]) -> _Tile:
         first, shape = self._lattice(place)
-        return _Tile(self._builder.heights(self._level, first, shape), first, self._cell)
+        heights = self._builder.heights(self._level, first, shape)
+        x, y = (np.asarray((k + np.arange(n)) * self._cell, np.float64)
+                for k, n in zip(first, shape[::-1]))
+        heights[~self._builder.has_ground(x, y)] = np.nan
+        return _Tile(heights, first, self._cell)
 
     def _albedo_of(self, place: tuple[int, int]) -> _Tile:
         (first, shape), cell = self._lattice(place), self._cell
@@ -211,7 +215,8 @@ class _SiteTiles:
         found = rockfield.population(config, self._config.seed, box, craters,
                                      self._config.clear_radius_m, least_m)
         some = found.select(rockfield.size_classes(config)[found.size] >= least_m)
-        return rockfield.laid(config, self._heights(place), shapes.library(), some)
+        rocks = rockfield.laid(config, self._heights(place), shapes.library(), some)
+        return rocks.select(np.isfinite(rocks.position_m[:, 2]))
 
     def _on_axes(self, made: Callable[[tuple[int, int]], _Tile], x_m: Array,
                  y_m: Array) -> Array:

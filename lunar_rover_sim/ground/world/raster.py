@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.base.errors import WorldError
+from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.fill import harmonic_fill
 from lunar_rover_sim.ground.world.grid import Box, box_around
@@ -129,6 +130,38 @@ class Raster(abc.ABC):
         self._check_pixels_of(box, self.config.cell_m, 'the window' + where)
         self.report['filled_pixels'] = int((~known).sum())
         return heights, known
+
+    def has_data(self, x_m: Array, y_m: Array) -> NDArray[np.bool_]:
+        """Return where pixels at and around samples have data.
+
+        Args:
+            x_m, y_m: (n,) and (m,), ascending, evenly spaced.
+
+        Returns:
+            (m, n); beyond the file as at its edge.
+        """
+        axes, box = (y_m, x_m), (x_m[0], x_m[-1], y_m[0], y_m[-1])
+        apart = [float(at[1] - at[0]) for at in axes]
+        pixels = (x_m[-1] - x_m[0]) * (y_m[-1] - y_m[0]) / (self.pixel_x_m * self.pixel_y_m)
+        cell = min(apart) if pixels > _MOST_CHECKED else 0.0
+        _, known, first, factor = self._window(box, cell, _CHECKED_AROUND)
+        if not known.size:
+            return np.zeros((len(y_m), len(x_m)), bool)
+        sign = 1.0 if self.south_up else -1.0
+        corner = sign * self.row0, self.column0
+        step = self.pixel_y_m * factor, self.pixel_x_m * factor
+        # Place of a pixel k: (k + phase) steps.
+        phase = [(0.5 if k else sign * 0.5) - corner[k] / factor for k in (0, 1)]
+        near = [np.clip(np.rint(at / step[k] - phase[k]).astype(int) - first[1 - k], 0,
+                        known.shape[k] - 1) for k, at in enumerate(axes)]
+        found = known[np.ix_(*near)]
+        # Pixels may be smaller than the samples are apart.
+        gaps = [np.rint(((lost + first[1 - k] + phase[k]) * step[k] - axes[k][0])
+                        / apart[k]).astype(int) for k, lost in enumerate(np.nonzero(~known))]
+        inside = np.logical_and.reduce([(at >= 0) & (at < size)
+                                        for at, size in zip(gaps, found.shape)])
+        found[gaps[0][inside], gaps[1][inside]] = False
+        return found
 
     def tile(self, box_m: Box, cell_m: float) -> Tile | None:
         """Return the heights in a box, averaged to about a cell; None if there are none."""

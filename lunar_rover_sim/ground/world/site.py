@@ -29,6 +29,7 @@ STEP_M = 12.8           # of the middles of windows, for cells that divide it
 _MOST_LOADED = 4        # windows in memory; their arrays are mapped
 LEAVE = 0.75            # steps from the middle of a window at which the next one is taken
 _ROOM_M = 3.0           # around the rover, which a window must hold where it is left
+_AROUND_PIXELS = 4.0    # of a source around a window, which must have heights
 
 
 class Windows(Protocol):
@@ -40,10 +41,13 @@ class Windows(Protocol):
         step_m: Distance between the middles of neighbouring windows [m].
         half_extent_m: Where the last window ends: places with |x| and |y| below it lie on the
             site.
+        hole_margin_m: Nearer to a hole of the ground than this, in x or y, a rover may come into a
+            window that holds it, which cannot be made.
     """
 
     step_m: float
     half_extent_m: float
+    hole_margin_m: float
 
     def middle(self, xy_m: Sequence[float], now_m: Middle | None = None) -> Middle:
         """Return the middle of the window for a rover at a place [m].
@@ -72,6 +76,7 @@ class OneWindow:
     """A world that is never left: its own only window."""
 
     step_m = STEP_M
+    hole_margin_m = 0.0
 
     def __init__(self, world: World) -> None:
         self._world, self.half_extent_m = world, world.ground.half_extent_m
@@ -115,9 +120,11 @@ class Site:
         self._busy = threading.Lock()
         self._loaded: collections.OrderedDict[Middle, World] = collections.OrderedDict()
         half, room = 0.5 * config.size_m, 500.0 * config.site_km
+        self.hole_margin_m = 0.0
         if config.source != PROCEDURAL:
             source = self._opened().source
             assert source is not None
+            self.hole_margin_m = half + self.step_m + _AROUND_PIXELS * source.pixel_m
             # Half of the outermost pixels is extrapolated.
             holds = min(map(abs, source.area_m)) - source.pixel_m
             if holds < room:

@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 from waiting import LIMIT_S
 
+from lunar_rover_sim.autonomy.navigation.global_plan import GroundCosts
 from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.base.parameters import merge
 from lunar_rover_sim.ground.world import cache
 from lunar_rover_sim.ground.world.build import build_world, Builder, drop_m
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.levels import axis_m
+from lunar_rover_sim.ground.world.orbital_making import orbital_map
+from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig
 from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.ground.world.world_folder import content_hash, load_world
 
@@ -132,6 +135,33 @@ def test_a_hole_on_the_way_is_refused_with_its_place(tmp_path):
     site = Site(WorldConfig.from_mapping({**WINDOW, 'source': 'dem', 'path': str(path)}))
     with pytest.raises(WorldError, match='in the window around x 38.4, y 0 m have no data'):
         site.window((3 * site.step_m, 0.0))
+    site.close()
+
+
+@pytest.mark.parametrize('pixel_m', [0.5, 2.0])
+def test_maps_from_orbit_show_holes_and_far_plans_keep_off_them(tmp_path, pixel_m):
+    """Wherever the rover may be sent, it is in no window that cannot be made."""
+    n = round(320.0 / pixel_m)
+    heights = hills(n, pixel_m)
+    heights[n // 2, round(0.8 * n)] = np.nan        # one pixel, at x = 96 m, y = 0
+    path = write_tiff(tmp_path / 'hole.tif', heights, pixel_m)
+    config = WorldConfig.from_mapping({**TINY, 'source': 'dem', 'path': str(path)})
+    site, source = Site(config), Builder(config).source
+    maps = orbital_map(site, OrbitalConfig(photo_pixel_m=0.0))
+    lost = np.argwhere(np.isnan(maps.heights_m))
+    assert 1 <= len(lost) <= 4
+    places = maps.first_m + maps.pixel_m * lost[:, ::-1]
+    assert np.abs(places - [96.0, 0.0]).max() < 2.5
+    costs = GroundCosts.of(maps, hole_margin_m=site.hole_margin_m)
+    rows, columns = np.nonzero(~costs.known)
+    holes = costs.centre_m(np.stack([rows, columns], axis=1))
+    assert (np.abs(holes - [96.0, 0.0]).max(axis=1) < site.hole_margin_m + 10.0).all()
+    for x in (-80.0, 45.0, 70.0):
+        if costs.has_ground(x, 3.0):
+            # The windows that a rover there may be in.
+            for at in {site.middle((x + dx, 3.0)) for dx in (-9.7, 0.0, 9.7)}:
+                source.check_window(at)
+    assert costs.has_ground(45.0, 3.0) and not costs.has_ground(70.0, 3.0)
     site.close()
 
 
