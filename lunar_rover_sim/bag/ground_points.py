@@ -44,8 +44,8 @@ def points_of(changes: GroundChanges, ground: HeightGrid) -> NDArray[np.void]:
     return points
 
 
-def problem(message: Any, half_extent_m: float = FARTHEST_M) -> str:
-    """Return why a PointCloud2 does not hold changes of the ground, or ''.
+def problem(message: Any, half_extent_m: float = FARTHEST_M) -> str | None:
+    """Return why a PointCloud2 does not hold changes of the ground, or None.
 
     Args:
         half_extent_m: Half of the width of the ground [m], beyond which nothing can have changed.
@@ -73,7 +73,7 @@ def problem(message: Any, half_extent_m: float = FARTHEST_M) -> str:
         return f'height_change is more than {_MOST_M:g} m'
     if (points['compaction'] < -1e-6).any():
         return 'compaction is less than 0'
-    return ''
+    return None
 
 
 def changes_of(message: Any, half_extent_m: float = FARTHEST_M) -> GroundChanges:

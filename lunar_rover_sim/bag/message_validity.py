@@ -39,8 +39,8 @@ class FiniteCheck:
         self._typestore = typestore
         self._leaves: dict[str, _Leaves] = {}
 
-    def problem(self, msgtype: str, message: Any) -> str:
-        """Return the first field that holds NaN or infinity, or ''."""
+    def problem(self, msgtype: str, message: Any) -> str | None:
+        """Return the first field that holds NaN or infinity, or None."""
         if msgtype not in self._leaves:
             self._leaves[msgtype] = self._find(msgtype, '')
         scalars, arrays, sequences = self._leaves[msgtype]
@@ -56,7 +56,7 @@ class FiniteCheck:
                 found = self.problem(inner, element)
                 if found:
                     return f'{name}[{i}].{found}'
-        return ''
+        return None
 
     def _find(self, msgtype: str, prefix: str) -> _Leaves:
         scalars: list[str] = []
@@ -92,8 +92,8 @@ def _get(message: Any, path: str) -> Any:
     return attrgetter(path)(message)
 
 
-def image_problem(image: Any) -> str:
-    """Return what is wrong with the layout of a sensor_msgs/Image, or ''."""
+def image_problem(image: Any) -> str | None:
+    """Return what is wrong with the layout of a sensor_msgs/Image, or None."""
     bytes_per_pixel = BYTES_PER_PIXEL.get(image.encoding)
     if bytes_per_pixel is None:
         return f'encoding {image.encoding!r} is not known'
@@ -103,7 +103,7 @@ def image_problem(image: Any) -> str:
         return f'data holds {len(image.data)} bytes, not {image.step * image.height}'
     if not image.width or not image.height:
         return 'it has no pixels'
-    return ''
+    return None
 
 
 def pixels(image: Any) -> np.ndarray:
@@ -127,58 +127,58 @@ def pixels(image: Any) -> np.ndarray:
     return result.reshape(image.height, image.width, channels) if channels > 1 else result
 
 
-def true_depth_problem(image: Any) -> str:
+def true_depth_problem(image: Any) -> str | None:
     """Depth of the scene: positive everywhere, +Inf for the sky, never NaN."""
     depth = pixels(image)
     if np.isnan(depth).any():
         return f'{int(np.isnan(depth).sum())} pixels are NaN'
     if (depth <= 0.0).any():
         return f'{int((depth <= 0.0).sum())} pixels are not in front of the camera'
-    return ''
+    return None
 
 
-def depth_problem(image: Any) -> str:
+def depth_problem(image: Any) -> str | None:
     """Depth from matching: positive, +Inf where too far, NaN where unknown (REP-118)."""
     wrong = pixels(image) <= 0.0
     if wrong.any():
         return f'{int(wrong.sum())} pixels are not in front of the camera'
-    return ''
+    return None
 
 
-def disparity_problem(message: Any) -> str:
+def disparity_problem(message: Any) -> str | None:
     """Disparity: its image, a positive focal length and baseline."""
     if not (message.f > 0.0 and message.t > 0.0):
         return f'f = {message.f:g} px and t = {message.t:g} m; both must be positive'
     if message.image.encoding != '32FC1':
         return f'encoding {message.image.encoding!r}; valid is 32FC1'
     return image_problem(message.image) or (
-        '' if np.all(np.isfinite(pixels(message.image))) else 'pixels are NaN or infinite')
+        None if np.all(np.isfinite(pixels(message.image))) else 'pixels are NaN or infinite')
 
 
-def covariance_problem(path: str) -> Callable[[Any], str]:
+def covariance_problem(path: str) -> Callable[[Any], str | None]:
     """Return a check that a 6 x 6 covariance is symmetric and has no negative variance."""
-    def problem(message: Any) -> str:
+    def problem(message: Any) -> str | None:
         P = np.reshape(np.asarray(_get(message, path), float), (6, 6))
         size = np.abs(P).max()
         if np.abs(P - P.T).max() > _ROUNDING * size:
             return f'{path} is not symmetric'
         low = float(np.linalg.eigvalsh(P)[0])
-        return f'{path} has a variance of {low:.2g} < 0' if low < -_ROUNDING * size else ''
+        return f'{path} has a variance of {low:.2g} < 0' if low < -_ROUNDING * size else None
     return problem
 
 
-def quaternion_problem(name: str) -> Callable[[Any], str]:
+def quaternion_problem(name: str) -> Callable[[Any], str | None]:
     """Return a check that the quaternion at the dotted field `name` has length 1."""
-    def problem(message: Any) -> str:
+    def problem(message: Any) -> str | None:
         q = _get(message, name)
         norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
         if abs(norm - 1.0) > QUATERNION_TOLERANCE:
             return f'{name} has length {norm:.6f}, not 1'
-        return ''
+        return None
     return problem
 
 
-def joints_problem(message: Any) -> str:
+def joints_problem(message: Any) -> str | None:
     """Every joint has a position and a velocity; effort is complete or empty."""
     n = len(message.name)
     lengths = {'position': len(message.position), 'velocity': len(message.velocity)}
@@ -187,25 +187,25 @@ def joints_problem(message: Any) -> str:
     for name, length in lengths.items():
         if length != n:
             return f'{name} holds {length} values for {n} joints'
-    return ''
+    return None
 
 
-def exposure_problem(message: Any) -> str:
+def exposure_problem(message: Any) -> str | None:
     """Left and right image have a time, which is positive."""
     if list(message.name) != ['left', 'right'] or len(message.position) != 2:
         return f'exposure times of {brief(list(message.name))}, not of left and right'
     shortest = float(min(message.position))
-    return '' if shortest > 0.0 else f'exposure time {shortest:g} s is not positive'
+    return None if shortest > 0.0 else f'exposure time {shortest:g} s is not positive'
 
 
-def camera_info_problem(message: Any) -> str:
+def camera_info_problem(message: Any) -> str | None:
     """Focal lengths positive, K and P of one kind, a size."""
     k, p = message.k.reshape(3, 3), message.p.reshape(3, 4)
     if not (k[0, 0] > 0.0 and k[1, 1] > 0.0 and p[0, 0] > 0.0):
         return f'focal lengths K {k[0, 0]:g}, {k[1, 1]:g}, P {p[0, 0]:g} are not positive'
     if not message.width or not message.height:
         return 'it has no size'
-    return ''
+    return None
 
 
 _TYPES = {2: '<u1', 4: '<u2', 6: '<u4', 7: '<f4', 8: '<f8'}     # of PointField
@@ -213,7 +213,7 @@ _NEEDED = ('x', 'y', 'z', 'intensity', 'ring', 'time')
 _TOLERANCE = 1e-4       # of ranges, which are float32
 
 
-def laser_scan_problem(message: Any) -> str:
+def laser_scan_problem(message: Any) -> str | None:
     """Ranges: as many as there are angles, within their bounds, inf where nothing returns."""
     ranges = np.asarray(message.ranges, float)
     steps = (message.angle_max - message.angle_min) / message.angle_increment \
@@ -223,7 +223,7 @@ def laser_scan_problem(message: Any) -> str:
     if np.isnan(ranges).any():
         return f'{int(np.isnan(ranges).sum())} ranges are NaN; valid is inf where nothing returns'
     far = np.isfinite(ranges) & (ranges > message.range_max * (1.0 + _TOLERANCE))
-    return f'{int(far.sum())} ranges beyond range_max' if far.any() else ''
+    return f'{int(far.sum())} ranges beyond range_max' if far.any() else None
 
 
 def lidar_points(message: Any) -> NDArray[np.void]:
@@ -240,7 +240,7 @@ def _point_fields(message: Any) -> dict[str, tuple[int, str | None]]:
     return {f.name: (f.offset, _TYPES.get(f.datatype)) for f in message.fields}
 
 
-def lidar_cloud_problem(message: Any) -> str:
+def lidar_cloud_problem(message: Any) -> str | None:
     """Points with the fields of a LiDAR; finite where the cloud is dense; times from 0 on."""
     fields = _point_fields(message)
     missing = [name for name in _NEEDED if fields.get(name, (0, None))[1] is None]
@@ -261,4 +261,4 @@ def lidar_cloud_problem(message: Any) -> str:
         return f'{int(unknown.sum())} points are not finite in a dense cloud'
     if len(points) and not points['time'].min() >= 0.0:
         return f'time is {points["time"].min()} s'
-    return ''
+    return None

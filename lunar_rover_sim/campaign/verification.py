@@ -86,8 +86,8 @@ def verify(dataset: Path, seen: Callable[[str], None] = lambda name: None) -> Ve
             if name not in failed:
                 problems[name] = 'is missing'
             continue
-        reason = '' if name in plan or not plan else 'is not in the plan'
-        reason = reason or _problem(there[name], plan.get(name))
+        known = name in plan or not plan
+        reason = _problem(there[name], plan.get(name)) if known else 'is not in the plan'
         if reason:
             problems[name] = reason
     return Verification(len(plan) or len(there), tuple(n for n in failed if n not in there),
@@ -103,8 +103,8 @@ def _campaign(path: Path) -> Campaign:
     return parse_campaign(json.dumps(mapping), path)
 
 
-def _problem(episode: Path, drawn: Mapping[str, Any] | None) -> str:
-    """Return what is wrong with the folder of an episode; '' if nothing is.
+def _problem(episode: Path, drawn: Mapping[str, Any] | None) -> str | None:
+    """Return what is wrong with the folder of an episode; None if nothing is.
 
     Args:
         drawn: The values of its plan; None where the plan is not known.
@@ -140,17 +140,17 @@ def _problem(episode: Path, drawn: Mapping[str, Any] | None) -> str:
     return '; '.join(parts) or why_unfinished(episode) or _other_bag(episode, manifest)
 
 
-def _other_bag(episode: Path, manifest: Mapping[str, Any]) -> str:
-    """Return whether the manifest names another hash than that of the bag; '' without a bag."""
+def _other_bag(episode: Path, manifest: Mapping[str, Any]) -> str | None:
+    """Return that the manifest names another hash than that of the bag; None without a bag."""
     bag = episode / BAG_FOLDER
     if not bag.is_dir():
-        return ''
+        return None
     try:
         found = bag_hash(bag)
     except LunarRoverSimError as error:
         return str(error)
     named = manifest.get('bag_hash')
-    return '' if named == found else f'bag_hash {brief(named)} is not that of its bag, {found}'
+    return None if named == found else f'bag_hash {brief(named)} is not that of its bag, {found}'
 
 
 def _read(path: Path) -> dict[str, Any] | str:

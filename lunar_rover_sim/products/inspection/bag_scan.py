@@ -28,7 +28,7 @@ from lunar_rover_sim.run.publication import period_ns
 
 _WAITING = 16  # stereo sets that may be incomplete; those that stay so are missing stamps
 
-_CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
+_CONTENT: dict[str, tuple[Callable[[Any], str | None], ...]] = {
     topics.ODOM.name: (message_validity.quaternion_problem('pose.pose.orientation'),),
     topics.TRUE_ODOM.name: (message_validity.quaternion_problem('pose.pose.orientation'),),
     topics.IMU_TRUTH.name: (message_validity.quaternion_problem('orientation'),),
@@ -59,13 +59,13 @@ class TopicScan:
     """One topic of the contract as recorded; `stamps_ns` in the order of bag time.
 
     Attributes:
-        checks: Each returns what is wrong with a message, or ''.
+        checks: Each returns what is wrong with a message, or None.
     """
 
     topic: Topic
     name: str
     msgtype: str
-    checks: tuple[Callable[[Any], str], ...] = ()
+    checks: tuple[Callable[[Any], str | None], ...] = ()
     stamps_ns: array[int] = dataclasses.field(default_factory=lambda: array('q'))
     late: int = 0  # messages whose bag time is not their stamp
     frame_ids: set[str] = dataclasses.field(default_factory=set)
@@ -166,9 +166,9 @@ def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: message_validit
     header = getattr(message, 'header', None)
     if header is not None:
         topic.frame_ids.add(header.frame_id)
-    problem = ''
+    problem = None
     if message.__msgtype__ == topic.topic.type:
-        problem = next((found for check in topic.checks if (found := check(message))), '')
+        problem = next((found for check in topic.checks if (found := check(message))), None)
     if not problem:
         problem = finite.problem(topic.msgtype, message)
     if problem:

@@ -66,7 +66,8 @@ def hazards(rover: RoverData, report: CheckReport) -> None:
                        Status.WARN if rover.real_time else Status.FAIL)
 
 
-def _topic_problem(rover: RoverData, name: str, config: HazardConfig, side: int) -> str:
+def _topic_problem(rover: RoverData, name: str, config: HazardConfig,
+                   side: int) -> str | None:
     """Return what is wrong with one topic of a camera; side: 0 left or the only one, 1 right."""
     topic = rover.scan.topics.get(name)
     if topic is None:
@@ -77,7 +78,7 @@ def _topic_problem(rover: RoverData, name: str, config: HazardConfig, side: int)
         return problem
     last, camera = topic.last, geometry_of(config)
     if last is None or topic.msgtype != topic.topic.type:
-        return ''
+        return None
     if (last.width, last.height) != (camera.width, camera.height):
         return (f'{last.width} x {last.height} px, {camera.width} x {camera.height} px in the '
                 'scenario')
@@ -86,7 +87,7 @@ def _topic_problem(rover: RoverData, name: str, config: HazardConfig, side: int)
             or not np.allclose(last.k, camera.K.ravel()) or not np.allclose(last.d, camera.D)
             or not np.isclose(last.p[3], -side * camera.focal_px * config.stereo_baseline_m)):
         return 'not the camera of the scenario'
-    return ''
+    return None
 
 
 WINDOW_S = 1.0

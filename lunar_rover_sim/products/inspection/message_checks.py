@@ -248,8 +248,8 @@ def _names(rover: RoverData, listed: object) -> set[str]:
     return {str(name).removeprefix(rover.namespace).lstrip('/') for name in names}
 
 
-def count_problem(topic: TopicScan, expected: np.ndarray) -> str:
-    """Return how the stamps of a topic differ from those expected [ns], or ''."""
+def count_problem(topic: TopicScan, expected: np.ndarray) -> str | None:
+    """Return how the stamps of a topic differ from those expected [ns], or None."""
     have = np.unique(topic.stamps_ns)
     missing = np.setdiff1d(expected, have)
     extra = np.setdiff1d(have, expected)
@@ -261,7 +261,7 @@ def count_problem(topic: TopicScan, expected: np.ndarray) -> str:
         parts.append(f'{len(extra)} off the grid, first at {extra[0] / NS_PER_S:.6f} s')
     if len(topic.stamps_ns) > len(have) and topic.topic is not topics.TF:
         parts.append(f'{len(topic.stamps_ns) - len(have)} more than once')
-    return ', '.join(parts)
+    return ', '.join(parts) or None
 
 
 def _hash_of_world(folder: Path) -> str | None:
