@@ -1,12 +1,14 @@
 """Small worlds and a plain trot for the tests of physics: no builder, no gait controller."""
 
 from collections.abc import Callable
+import dataclasses
 
 import numpy as np
 from scipy.optimize import brentq
 
 from lunar_rover_sim.ground.regolith.config import GroundConfig
 from lunar_rover_sim.ground.regolith.law import bearing_n
+from lunar_rover_sim.ground.regolith.overlay import GroundChanges
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
@@ -104,3 +106,19 @@ def simulate(world: World | None = None, rover: RoverDescription = ROVER,
 def soft(preset: str = 'highland', **values: object) -> GroundConfig:
     """Return soft ground of a preset with some parameters changed."""
     return GroundConfig(model='regolith', preset=preset, **values)
+
+
+def everything(simulation: Simulation) -> np.ndarray:
+    """Return all numbers of the present state, of the feet and of the soil at the legs."""
+    feet, contact = simulation.foot_motion, simulation.ground_contact
+    values = [np.ravel(getattr(owner, field.name)) for owner in (simulation.state, feet)
+              for field in dataclasses.fields(owner)]
+    if contact is not None:
+        values += [contact.sinkage_m, contact.slip_mps]
+    return np.concatenate([*values, np.ravel(simulation.data.qacc_warmstart)]).astype(float)
+
+
+def same(one: GroundChanges, other: GroundChanges) -> bool:
+    """Return whether two overlays have changed alike."""
+    return all(np.array_equal(getattr(one, name), getattr(other, name))
+               for name in ('index', 'height_m', 'compaction_m'))

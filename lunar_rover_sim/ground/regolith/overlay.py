@@ -11,10 +11,10 @@ whole overlay, but for the rounding to float32, which `residue_m` carries on to 
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator, Mapping
 import dataclasses
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -274,6 +274,20 @@ class Overlay:
             tile.compaction[:] = compaction
             self._note_write(key)
         self.residue_m = other.residue_m
+
+    def state(self) -> dict[str, Any]:
+        """Return all values, and which of them have changed since `take_changes`."""
+        changed = self._collect(sorted(self._dirty), only_changed=True)
+        return {'all': self.snapshot(), 'changed': changed, 'residue_m': self.residue_m}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Take over what `state` has returned, of another overlay too."""
+        self.restore(Overlay())
+        for changes in (state['all'], state['changed']):
+            self.apply(changes)
+        self.take_changes()
+        self.apply(state['changed'])
+        self.residue_m = state['residue_m']
 
     def _collect(self, keys: list[TileKey], only_changed: bool) -> GroundChanges:
         index, heights, compactions = [], [], []

@@ -14,8 +14,9 @@ would run on without end.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
+from typing import Any
 
 import numpy as np
 
@@ -141,6 +142,15 @@ class WallSlides:
         """Forget the walls that were to slide."""
         self._waiting = [None] * len(self._due)
         self.next_step = math.inf
+
+    def state(self) -> dict[str, Any]:
+        """Return which walls are to slide, and when."""
+        return {'waiting': list(self._waiting), 'due': list(self._due), 'next': self.next_step}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Wait for what `state` has returned."""
+        self._waiting, self._due = list(state['waiting']), list(state['due'])
+        self.next_step = state['next']
 
     def _slide(self, overlay: Overlay, leg: int) -> None:
         window = self._waiting[leg]

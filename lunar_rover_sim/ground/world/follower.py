@@ -38,6 +38,16 @@ class Follower:
         self.world = world
         self._coming: tuple[tuple[float, float], Future[World]] | None = None
 
+    def go_to(self, middle_m: tuple[float, float]) -> World:
+        """Return a window of the site, which is the present one from now on.
+
+        Raises:
+            WorldError: If it cannot be made.
+        """
+        if middle_m != self.world.ground.middle_m:
+            self.world = self.window(middle_m)
+        return self.world
+
     def close(self) -> None:
         """End the thread."""
         self._pool.shutdown(cancel_futures=True)
@@ -73,11 +83,9 @@ class Follower:
         if max(abs(x_m - here[0]), abs(y_m - here[1])) < _AHEAD * self.site.step_m:
             return self.world
         middle = self.site.middle((x_m, y_m), here)
-        if middle != here:
-            self.world = self.window(middle)
-        else:
+        if middle == here:
             self.look_ahead(x_m, y_m)
-        return self.world
+        return self.go_to(middle)
 
     def window(self, middle_m: tuple[float, float]) -> World:
         """Return a window, made ahead or now.

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import collections
+from collections.abc import Mapping
 import dataclasses
 import logging
 import numbers
+from pathlib import Path
 import re
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -14,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from lunar_rover_sim.base.closing import Closing
 from lunar_rover_sim.base.errors import brief, ConfigError, GroundLeftError, one_line, PhysicsError
+from lunar_rover_sim.base.files.state_file import attributes, load_state, save_state
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, rotated, tilt_deg
 from lunar_rover_sim.base.freed_memory import return_freed
 from lunar_rover_sim.ground.regolith.looseness import soil_map
@@ -169,10 +173,7 @@ class Simulation(Closing):
         state = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, before, state, _STATE)
         self._bind(world)
-        mujoco.mj_setState(self.model, self.data, state, _STATE)
-        # What else is read of the data follows from the state. It changes the warm start.
-        mujoco.mj_forward(self.model, self.data)
-        mujoco.mj_setState(self.model, self.data, state, _STATE)
+        self._set(state)
         for old, new in zip(before.warning, self.data.warning):
             new.number, new.lastinfo = old.number, old.lastinfo
         self._observer.motion = motion
@@ -295,6 +296,73 @@ class Simulation(Closing):
         self._state = self._start_state
         self._observer.motion = self._start_motion
         return self._state
+
+    def save(self, path: str | Path) -> None:
+        """Write all that the motion goes on from to a file, for `restore`.
+
+        Raises:
+            ConfigError: If the file cannot be written.
+        """
+        save_state(Path(path), self.checkpoint())
+
+    def restore(self, path: str | Path) -> RoverState:
+        """Go on from what `save` has written, and return the state; the motion is bit for bit that
+        of the simulation that was saved.
+
+        The simulation must have the same rover, parameters and site. `reset` goes back to the
+        start of its own.
+
+        Raises:
+            ConfigError: If the file cannot be read, or another version has written it.
+            PhysicsError: If it was saved with another rover, other parameters or other ground.
+            WorldError: If the window in which the rover was cannot be made.
+        """
+        return self.resume(load_state(Path(path)))
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Return what `save` writes."""
+        values = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, values, _STATE)
+        soil = self._soft_ground
+        return {
+            'of': self._conditions(), 'middle_m': self._world.ground.middle_m,
+            'ground_m': self._world.ground.height_at_point(*self._qpos[:2].tolist()),
+            'mujoco': values, 'motion': self._observer.motion,
+            'soil': None if soil is None else soil.state(),
+            **attributes(self, '_steps', '_state', '_ground_contact')}
+
+    def resume(self, state: Mapping[str, Any]) -> RoverState:
+        """Go on from what `checkpoint` has returned; errors as of `restore`."""
+        for name, value in self._conditions().items():
+            if name not in state['of'] or state['of'][name] != value:
+                raise PhysicsError(f'restore: the state is of another {name}; valid is '
+                                   f'{brief(value)}')
+        world = self._follower.go_to(state['middle_m'])
+        if world is not self._world:
+            self._bind(world)
+        self._set(state['mujoco'])
+        height = world.ground.height_at_point(*self._qpos[:2].tolist())
+        if height != state['ground_m']:
+            raise PhysicsError(f'restore: the state is of another site: its ground at the rover is'
+                               f' at {state["ground_m"]:g} m; valid is {height:g} m')
+        if self._soft_ground is not None:
+            self._soft_ground.resume(state['soil'])
+        self._observer.motion = state['motion']
+        self._steps, self._state = state['_steps'], state['_state']
+        self._ground_contact = state['_ground_contact']
+        return self._state
+
+    def _conditions(self) -> dict[str, Any]:
+        """Return what two simulations have in common of which one goes on as the other."""
+        return {'rover': self.rover, **{field.name: getattr(self.config, field.name)
+                                        for field in dataclasses.fields(PhysicsConfig)}}
+
+    def _set(self, values: Array) -> None:
+        """Set the state of MuJoCo."""
+        mujoco.mj_setState(self.model, self.data, values, _STATE)
+        # What else is read of the data follows from the state. It changes the warm start.
+        mujoco.mj_forward(self.model, self.data)
+        mujoco.mj_setState(self.model, self.data, values, _STATE)
 
     def move(self, position_m: ArrayLike | None = None, orientation_wxyz: ArrayLike | None = None,
              linear_mps: ArrayLike | None = None,

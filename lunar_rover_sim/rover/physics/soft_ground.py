@@ -7,18 +7,21 @@ since a tip in the ground meets a change in proportion to the way that it moves 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import ctypes
 import dataclasses
 import functools
 import logging
 import math
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from lunar_rover_sim.base.compiled import read_only
 from lunar_rover_sim.base.errors import PhysicsError
+from lunar_rover_sim.base.files.state_file import attributes, restore_attributes
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.ground.regolith import law
 from lunar_rover_sim.ground.regolith.looseness import BEARING_RATIO, FRICTION_RATIO, SoilMap
@@ -40,6 +43,9 @@ SLIDE_M = 0.02          # way slipped after which the walls of a rut slide
 GATHER_M = 1.5          # way after which the tracks around the rover are gathered again
 _AROUND_TIP_M = 0.2     # around a tip, within which it looks at the ground and changes it
 _FARTHEST_M = 1e6
+# What the law changes of MuJoCo's model, and what it keeps of its own.
+_PAIRS = 'pair_friction', 'pair_solref', 'pair_solreffriction', 'pair_solimp'
+_OWN_ARRAYS = '_tips', '_slipped', '_slid_at'
 _NO_MAP = law.Heights(read_only(np.zeros((1, 1)), np.float32), 1.0, 0.0, 0.0)
 
 
@@ -111,8 +117,28 @@ class SoftGround:
         """
         before = self._arrays
         self._bind(model, data, ground, varies)
-        for name in ('pair_friction', 'pair_solref', 'pair_solreffriction', 'pair_solimp'):
+        for name in _PAIRS:
             getattr(self._arrays, name)[:] = getattr(before, name)
+
+    def state(self) -> dict[str, Any]:
+        """Return all that the soil goes on from, as copies."""
+        return {
+            'overlay': self.overlay.state(),
+            'walls': self._walls.state(),
+            'pairs': {name: getattr(self._arrays, name).copy() for name in _PAIRS},
+            'arrays': {name: getattr(self, name).copy() for name in _OWN_ARRAYS},
+            'values': {**attributes(self, '_count', '_observed', '_was_dug_in'),
+                       '_windows': list(self._windows)}}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned, with the same rover and soil."""
+        self.overlay.resume(state['overlay'])
+        self._walls.resume(state['walls'])
+        for name, values in state['pairs'].items():
+            getattr(self._arrays, name)[:] = values
+        for name, values in state['arrays'].items():
+            getattr(self, name)[:] = values     # compiled code holds these arrays
+        restore_attributes(self, state['values'])
 
     def advance(self, steps: int, wrench: Array, torque: Array) -> None:
         """Make steps of soil and MuJoCo.

@@ -5,7 +5,7 @@ import dataclasses
 
 import mujoco
 import numpy as np
-from physics_scene import make_world, rough_heights, ROVER, simulate, soft, trot
+from physics_scene import everything, make_world, rough_heights, ROVER, same, simulate, soft, trot
 import pytest
 from windows_scene import CutSite, window
 
@@ -25,16 +25,6 @@ GROUNDS = (GroundConfig(), soft(variation=1.0))
 
 def part(middle_m: tuple[float, float]) -> World:
     return window(middle_m, 25.6, AT)
-
-
-def everything(simulation: Simulation) -> np.ndarray:
-    """Return all numbers of the present state, of the feet and of the soil at the legs."""
-    feet, contact = simulation.foot_motion, simulation.ground_contact
-    values = [np.ravel(getattr(owner, field.name)) for owner in (simulation.state, feet)
-              for field in dataclasses.fields(owner)]
-    if contact is not None:
-        values += [contact.sinkage_m, contact.slip_mps]
-    return np.concatenate([*values, np.ravel(simulation.data.qacc_warmstart)]).astype(float)
 
 
 def touches_rock(simulation: Simulation) -> bool:
@@ -62,11 +52,6 @@ def walk(world: World, ground: GroundConfig, changes: Mapping[int, World],
         trot(simulation, duration_s, observe=observe)
         overlay = simulation.overlay
         return np.array(states), overlay.snapshot() if overlay is not None else None, rock
-
-
-def same(one: GroundChanges, other: GroundChanges) -> bool:
-    return all(np.array_equal(getattr(one, name), getattr(other, name))
-               for name in ('index', 'height_m', 'compaction_m'))
 
 
 @pytest.mark.parametrize('ground', GROUNDS, ids=lambda ground: ground.model)
