@@ -22,11 +22,11 @@ import zipfile
 
 import numpy as np
 
-from lunar_rover_sim import __version__
 from lunar_rover_sim.base.errors import ConfigError, one_line
 from lunar_rover_sim.base.files.atomic import atomic_write
 
 _PACKAGE = 'lunar_rover_sim.'
+_FORMAT = 1     # grows with every change of what states hold
 _SEQUENCES: dict[str, type] = {'list': list, 'tuple': tuple, 'set': set, 'frozenset': frozenset}
 
 
@@ -39,9 +39,16 @@ def restore_attributes(thing: object, state: Mapping[str, Any]) -> None:
     """Set attributes as `attributes` has returned them.
 
     A queue stays the same object, since others may hold it, with other content.
+
+    Raises:
+        ConfigError: If the object has no such attribute.
     """
     for name, value in state.items():
-        own = getattr(thing, name)
+        try:
+            own = getattr(thing, name)
+        except AttributeError:
+            raise ConfigError(f'state of {type(thing).__name__}: {name} is not valid; valid is a '
+                              'state of the same version') from None
         if isinstance(own, deque):
             own.clear()
             own.extend(value)
@@ -58,7 +65,7 @@ def save_state(path: Path, state: Any) -> None:
     """
     writer = _Writer()
     root = writer.reference(state)
-    text = json.dumps({'version': __version__, 'objects': writer.objects, 'root': root})
+    text = json.dumps({'format': _FORMAT, 'objects': writer.objects, 'root': root})
     tree = np.frombuffer(text.encode(), np.uint8)
     atomic_write(path, lambda file: np.savez(file, tree=tree, **writer.arrays), ConfigError)
 
@@ -72,14 +79,15 @@ def load_state(path: Path) -> Any:
     try:
         with np.load(path, allow_pickle=False) as file:
             tree = json.loads(file['tree'].tobytes())
-            version = tree['version']
-            if version == __version__:
+            told = tree['format']
+            if told == _FORMAT:
                 return _read(tree['objects'], tree['root'],
                              {name: file[name] for name in file.files if name != 'tree'})
     except (OSError, zipfile.BadZipFile, ValueError, LookupError, TypeError, AttributeError,
             ImportError, EOFError) as error:
         raise ConfigError(f'{path}: is no state that can be read: {one_line(error)}') from None
-    raise ConfigError(f'{path}: was written by lunar_rover_sim {version}; valid is {__version__}')
+    raise ConfigError(f'{path}: format {told} is not valid; valid is {_FORMAT}, that of this '
+                      'version')
 
 
 class _Writer:
