@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.base.compiled import compiled, inlined
+
 
 def harmonic_fill(values: NDArray[np.float32], known: NDArray[np.bool_],
                   sweeps: int = 12) -> NDArray[np.float32]:
@@ -66,27 +68,40 @@ def plate_fill(values: NDArray[np.float32], known: NDArray[np.bool_],
         u[k] = v[k]
         t = np.float32(tension * 4.0 ** depth)
         rate = np.where(k, np.float32(0.0), np.float32(1.0 / (36.0 + 5.0 * t)))
-        for _ in range(sweeps * (1 + depth)):
-            bend = _laplacian(u)
-            change = _laplacian(bend)
-            bend *= t
-            change -= bend
-            change *= rate
-            u -= change
+        _relax(u, rate, t, sweeps * (1 + depth))
     return u
 
 
-def _laplacian(u: NDArray[np.float32]) -> NDArray[np.float32]:
-    # Beyond its edges u goes on as it ends. `np.pad` would take as long as the sums.
-    around = np.empty((u.shape[0] + 2, u.shape[1] + 2), np.float32)
+@compiled
+def _relax(u: np.ndarray, rate: np.ndarray, tension: np.float32, sweeps: int) -> None:
+    """Relax a plate (rows, columns) in place. Beyond its edges it goes on as it ends."""
+    rows, columns = u.shape
+    around = np.empty((rows + 2, columns + 2), np.float32)
+    bend = np.empty_like(around)
     around[1:-1, 1:-1] = u
-    around[0, 1:-1], around[-1, 1:-1] = u[0], u[-1]
-    around[1:-1, 0], around[1:-1, -1] = u[:, 0], u[:, -1]
-    result = around[:-2, 1:-1] + around[2:, 1:-1]
-    result += around[1:-1, :-2]
-    result += around[1:-1, 2:]
-    result -= np.float32(4.0) * u
-    return result
+    for _ in range(sweeps):
+        _go_on(around)
+        for i in range(1, rows + 1):
+            for j in range(1, columns + 1):
+                bend[i, j] = _laplacian(around, i, j)
+        _go_on(bend)
+        for i in range(1, rows + 1):
+            for j in range(1, columns + 1):
+                change = _laplacian(bend, i, j) - bend[i, j] * tension
+                around[i, j] -= change * rate[i - 1, j - 1]
+    u[:] = around[1:-1, 1:-1]
+
+
+@inlined
+def _go_on(around: np.ndarray) -> None:
+    around[0], around[-1] = around[1], around[-2]
+    around[:, 0], around[:, -1] = around[:, 1], around[:, -2]
+
+
+@inlined
+def _laplacian(u: np.ndarray, i: int, j: int) -> np.float32:
+    beside = u[i - 1, j] + u[i + 1, j] + u[i, j - 1] + u[i, j + 1]
+    return beside - np.float32(4.0) * u[i, j]
 
 
 def _bilinear(values: NDArray, y: NDArray, x: NDArray) -> NDArray[np.float32]:
