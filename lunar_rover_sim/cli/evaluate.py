@@ -28,10 +28,10 @@ _ODD_SCALE = 0.1     # of a metric estimate that is no failure, the scale is nea
 def bounds(function: options.Function) -> options.Function:
     """Declare --max-ate and --min-tracked; see `check_bounds`."""
     for option in (
-            click.option('--min-tracked', type=click.FloatRange(0.0, 1.0), metavar='SHARE',
-                         help='exit with 1 if a smaller share of the drive is tracked'),
-            click.option('--max-ate', type=click.FloatRange(0.0, min_open=True), metavar='M',
-                         help='exit with 1 if the ATE is larger [m]')):
+            options.bounded('--min-tracked', 0.0, 1.0, metavar='SHARE',
+                            help='exit with 1 if a smaller share of the drive is tracked'),
+            options.bounded('--max-ate', 0.0, above=True, unit='m', metavar='M',
+                            help='exit with 1 if the ATE is larger')):
         function = option(function)
     return function
 

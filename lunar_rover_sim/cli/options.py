@@ -16,7 +16,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from lunar_rover_sim.base.errors import ConfigError, LunarRoverSimError, nearest, one_line
+from lunar_rover_sim.base.errors import brief, ConfigError, LunarRoverSimError, nearest, one_line
 from lunar_rover_sim.base.files.paths import (check_folder, check_new_folder, packaged_names,
                                               recorded_bag)
 
@@ -351,8 +351,16 @@ def place(text: str, name: str = '') -> tuple[float, float]:
     except ValueError:
         x = y = math.nan
     if not (math.isfinite(x) and math.isfinite(y)):
-        raise ConfigError(f'{name} {text}: is no place; valid is X,Y [m], for example 8,3'.strip())
+        raise ConfigError(f'{name} {brief(text)}: is no place; valid is X,Y [m], for example 8,3'
+                          .strip())
     return x, y
+
+
+def place_of(name: str) -> Callable[[str], tuple[float, float]]:
+    """Return `place` with the name of an option."""
+    def convert(text: str) -> tuple[float, float]:
+        return place(text, name)
+    return convert
 
 
 def window_of(folder: Path, at: tuple[float, float] | None) -> Any:

@@ -21,8 +21,8 @@ from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.products.inspection.summary import summarise
 from lunar_rover_sim.run.live_view import ViewProcess
 from lunar_rover_sim.run.node_config import VIEW_PORT
-from lunar_rover_sim.run.plan import (navigated_duration_s, with_navigator, with_policy,
-                                      with_route, with_slam, without_node)
+from lunar_rover_sim.run.plan import (check_goals, navigated_duration_s, with_navigator,
+                                      with_policy, with_route, with_slam, without_node)
 from lunar_rover_sim.run.recording import record, Recording
 from lunar_rover_sim.run.ros_domain import require_ros
 from lunar_rover_sim.run.scenario import Scenario
@@ -63,9 +63,9 @@ def _route(text: str) -> str | list[tuple[float, float]]:
               help='ROS_DOMAIN_ID to use; by default a free one of this machine')
 @click.option('--join', is_flag=True, help='take part in a graph that runs already, in --domain '
               'or the ROS_DOMAIN_ID of the shell: its nodes may publish tf and tf_static')
-@click.option('--goal', type=options.place, metavar='X,Y', help='drive there [m], by what the '
-              'cameras see: mapping_node and navigator_node take the place of drive_node; the run '
-              'ends when the rover has arrived or given up')
+@click.option('--goal', type=options.place_of('--goal'), metavar='X,Y',
+              help='drive there [m], by what the cameras see: mapping_node and navigator_node '
+              'take the place of drive_node; the run ends when the rover has arrived or given up')
 @click.option('--route', type=_route, metavar='SHAPE | FILE', help='drive a route: '
               f'{", ".join(_SHAPES)}, of drive_node.shape_size_m; or through the places of a '
               'file, a line X,Y [m] each, as to a --goal')
@@ -112,10 +112,12 @@ def run(scenario: str, output: Path, duration: float | None, seed: int | None, r
         chosen = with_navigator(chosen, route)
     elif route is not None:
         chosen = with_route(chosen, route, avoid)
+    if world is None:   # else the site is that of the folder
+        check_goals(chosen)
     if 'navigator_node' in chosen.run.nodes and duration is None \
             and (goal is not None or avoid or isinstance(route, list)):
         chosen = replaced(chosen, {'run.duration_s': navigated_duration_s(chosen)})
-    if slam:
+    if slam is not None:
         chosen = with_slam(chosen, slam)
     if world is None:
         with Progress('building the world'):

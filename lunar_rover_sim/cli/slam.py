@@ -38,6 +38,8 @@ _sensor = click.option('--sensor', type=options.Choice(SENSORS), default='stereo
                        help='input of the program')
 _file = options.output(check_file, 'FILE', 'file to write; must not exist')
 
+_DOUBT_M = 50.0
+
 
 def paper_option(function: options.Function) -> options.Function:
     """Declare --paper, published numbers; see `paper_of`."""
@@ -66,9 +68,9 @@ def system_options(function: options.Function) -> options.Function:
 
     declared: options.Function = with_estimator
     for option in (
-            click.option('--timeout', type=float, default=0.0, metavar='S', show_default=False,
-                         help='longest time of a run [s] (default: ten times the sequence and 2 '
-                         'min)'),
+            options.bounded('--timeout', 0.0, default=0.0, unit='s', metavar='S',
+                            show_default=False, help='longest time of a run; default: ten times '
+                            'the sequence and 2 min'),
             click.option('--features', type=int, default=2000, metavar='N',
                          help='keypoints per image of ORB-SLAM3'),
             click.option('--estimate-frame', type=options.Choice(('base', 'imu', 'left', 'right')),
@@ -128,15 +130,15 @@ def settings(source: str, output: Path, sensor: str, features: int,
 @click.option('--quiet', is_flag=True, help='do not show the log of the program')
 @click.option('--orbital', type=options.PATH, metavar='DIR', help='with --system graph: maps of '
               'the site from orbit, of `world export --orbital`; it finds its place on them')
-@click.option('--near', type=options.place, metavar='X,Y', help='with --orbital: a place that the '
-              'start is near to [m]')
-@options.bounded('--doubt', 1.0, 500.0, unit='m', default=50.0, metavar='M',
-                 help='with --orbital: radius around it')
+@click.option('--near', type=options.place_of('--near'), metavar='X,Y',
+              help='with --orbital: a place that the start is near to [m]')
+@options.bounded('--doubt', 1.0, 500.0, unit='m', metavar='M', show_default=False,
+                 help=f'with --orbital: radius around it; default: {_DOUBT_M:g}')
 @bounds
 @options.as_json
 @system_options
 def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool,
-        orbital: Path | None, near: tuple[float, float] | None, doubt: float,
+        orbital: Path | None, near: tuple[float, float] | None, doubt: float | None,
         max_ate: float | None, min_tracked: float | None, as_json: bool,
         estimator: Callable[[str], Estimator]) -> int:
     """Run a SLAM program on a bag and evaluate its result."""
@@ -189,16 +191,17 @@ def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool,
 
 
 def _anchor(system: Estimator, orbital: Path | None, near: tuple[float, float] | None,
-            doubt_m: float) -> Anchor | None:
+            doubt_m: float | None) -> Anchor | None:
     if orbital is None:
-        if near is not None:
-            raise ConfigError('--near: needs --orbital, the maps on which it is')
+        for name, value in (('--near', near), ('--doubt', doubt_m)):
+            if value is not None:
+                raise ConfigError(f'{name}: needs --orbital, the maps on which the place is')
         return None
     if system.system != 'graph':
         raise ConfigError(f'--orbital: is for --system graph, and the system is {system.system}')
     if near is None:
         raise ConfigError('--orbital: needs --near X,Y, a place that the start is near to')
-    return Anchor(OrbitalMap.load(orbital), Doubt(near, doubt_m))
+    return Anchor(OrbitalMap.load(orbital), Doubt(near, _DOUBT_M if doubt_m is None else doubt_m))
 
 
 @options.command()

@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 import dataclasses
 import os
 from pathlib import Path
+import shlex
 import shutil
 import signal
 import subprocess
@@ -17,7 +18,7 @@ from typing import BinaryIO
 
 import psutil
 
-from lunar_rover_sim.base.errors import ProcessError
+from lunar_rover_sim.base.errors import ConfigError, ProcessError
 
 _POLL_S = 0.1
 _TAIL_LINES = 5
@@ -67,6 +68,18 @@ class Ended:
         """Why the program failed, in one line: what it said itself, if it ended by itself."""
         by_itself = self.status > 0 and not (self.timed_out or self.interrupted)
         return self.last_line if by_itself and self.last_line else self.words
+
+
+def program_words(command: str) -> list[str]:
+    """Return a program and its arguments; raise ConfigError if there are none."""
+    try:
+        words = shlex.split(command)
+    except ValueError as error:
+        raise ConfigError(f'command: {command!r} is not valid: {error}') from None
+    if not words:
+        raise ConfigError(f'command: {command!r} is not valid; valid is a program that speaks the '
+                          'protocol, and its arguments')
+    return words
 
 
 def executable(path: str | Path) -> Path:

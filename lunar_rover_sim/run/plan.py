@@ -23,6 +23,7 @@ from lunar_rover_sim.base.parameters import replaced
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.rover.description import save_rover
 from lunar_rover_sim.rover.gait.calibration import packaged_calibration
+from lunar_rover_sim.run.child_process import executable, program_words
 from lunar_rover_sim.run.node_config import (DEPTH_TOPICS, FOLLOWS, FRAME_TOPICS, LEG_CONTROLLERS,
                                              LIDAR, LIDAR_TOPICS, NODE_CONFIGS)
 from lunar_rover_sim.run.publication import (is_recorded, period_of, recorded_beside_the_pair,
@@ -208,9 +209,15 @@ def with_slam(scenario: Scenario, command: str) -> Scenario:
 
     Args:
         command: The program that it starts, or `graph` for its own.
+
+    Raises:
+        ConfigError: If the command is empty or no line of a shell.
+        ProcessError: If there is no such program.
     """
     nodes = tuple(dict.fromkeys((*scenario.run.nodes, 'slam_node')))
     is_graph = command == 'graph'
+    if not is_graph:
+        executable(program_words(command)[0])
     return replaced(scenario, {
         'run.nodes': nodes, 'slam_node.system': 'graph' if is_graph else 'command',
         'slam_node.command': '' if is_graph else command})
@@ -262,6 +269,17 @@ def with_navigator(scenario: Scenario, goals_m: Sequence[tuple[float, float]]) -
         raise ConfigError('navigator_node.has_goal: false is not valid here; valid is a goal or '
                           'waypoints')
     return scenario
+
+
+def check_goals(scenario: Scenario) -> None:
+    """Raise ConfigError if a goal of the navigator lies beyond the site of the world."""
+    if 'navigator_node' not in scenario.run.nodes:
+        return
+    half_m = max(0.5 * scenario.world.size_m, 500.0 * scenario.world.site_km)
+    for goal in scenario.navigator_node.goals:
+        if max(map(abs, goal)) > half_m:
+            raise ConfigError(f'goal: x {goal[0]:g} m, y {goal[1]:g} m is beyond the site; valid '
+                              f'are -{half_m:g} to {half_m:g} m, see world.site_km')
 
 
 def with_route(scenario: Scenario, shape: str, avoid: bool) -> Scenario:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import dataclasses
+import math
 from pathlib import Path
 import re
 import shlex
@@ -120,7 +121,7 @@ class Estimator:
             if not self.command.strip():
                 raise SlamError('command: needs --run, the command line of the program')
             self._words(dict.fromkeys(_FIELDS, ''))
-        if self.timeout_s < 0.0:
+        if not 0.0 <= self.timeout_s < math.inf:
             raise SlamError(f'timeout: {self.timeout_s:g} is not valid; valid is >= 0 [s]')
 
     @property

@@ -8,7 +8,6 @@ from contextlib import ExitStack, suppress
 from functools import reduce
 from pathlib import Path
 import queue
-import shlex
 import subprocess
 from tempfile import TemporaryDirectory
 import threading
@@ -16,13 +15,14 @@ import time
 from typing import Any
 
 from lunar_rover_sim.base.closing import Closing
-from lunar_rover_sim.base.errors import ConfigError, SlamError
+from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.files.paths import program_path
 from lunar_rover_sim.judge.slam import protocol
 from lunar_rover_sim.judge.slam.protocol import FrameSet, TrackedPose
 from lunar_rover_sim.products.sequences.orbslam3_settings import settings
 from lunar_rover_sim.products.sequences.sensors import SensorSuite
-from lunar_rover_sim.run.child_process import dies_with_parent, end_group, executable, signal_name
+from lunar_rover_sim.run.child_process import (dies_with_parent, end_group, executable,
+                                               program_words, signal_name)
 
 # In resource/: what a Python with the wheel `pyorbslam3` runs as ORB-SLAM3.
 WHEEL_PROGRAM = 'orb_slam3/wheel.py'
@@ -225,15 +225,9 @@ def command_words(command: str, suite: SensorSuite, sensor: str, folder: Path) -
     Raises:
         ConfigError: If the command is empty or no line of a shell.
     """
-    if not command.strip():
-        raise ConfigError("command: '' is not valid; valid is a program that speaks the "
-                          'protocol, and its arguments')
+    words = program_words(command)
     path = folder / 'settings.yaml'
     path.write_text(settings(suite, sensor), encoding='ascii')
-    try:
-        words = shlex.split(command)
-    except ValueError as error:
-        raise ConfigError(f'command: {command!r} is not valid: {error}') from None
     fields = {'{settings}': str(path)}
     if '{wheel}' in command:
         fields['{wheel}'] = str(program_path(WHEEL_PROGRAM))
