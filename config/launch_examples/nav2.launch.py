@@ -11,17 +11,17 @@ from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-PARAMETERS = str(Path(__file__).with_name('nav2.yaml'))
 SERVERS = {'nav2_controller': 'controller_server', 'nav2_planner': 'planner_server',
            'nav2_behaviors': 'behavior_server', 'nav2_bt_navigator': 'bt_navigator'}
 
 
 def generate_launch_description():
     """Return four servers and the manager that brings them up; odom is the frame of the map."""
+    parameters = str(Path(__file__).with_name('nav2.yaml'))
     stamped = {'enable_stamped_cmd_vel': LaunchConfiguration('stamped')}
     return LaunchDescription([
         DeclareLaunchArgument('stamped', default_value='false'),
         *(Node(package=package, executable=server, output='screen',
-               parameters=[PARAMETERS, stamped]) for package, server in SERVERS.items()),
+               parameters=[parameters, stamped]) for package, server in SERVERS.items()),
         Node(package='nav2_lifecycle_manager', executable='lifecycle_manager', output='screen',
-             name='lifecycle_manager_navigation', parameters=[PARAMETERS])])
+             name='lifecycle_manager_navigation', parameters=[parameters])])

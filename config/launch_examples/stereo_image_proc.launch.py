@@ -18,6 +18,12 @@ PAIR = [('left/image_rect', 'stereo/left/image_raw'),
         ('disparity', 'stereo_image_proc/disparity'), ('points2', 'stereo_image_proc/points2')]
 RECTIFIED = {'stereo/left/image_raw': 'stereo/left/image_rect',
              'stereo/right/image_raw': 'stereo/right/image_rect'}
+# Of best effort, which these nodes ask for by themselves, pairs of 640 x 480 may be lost, all of
+# them. RectifyNode reads as its topic is published if that is there, and else by best effort.
+RELIABLE = {**{f'qos_overrides./{topic}.subscription.reliability': 'reliable'
+               for topic in (*dict(PAIR).values(), *RECTIFIED.values())},
+            **{f'qos_overrides./{topic}.publisher.reliability': 'reliable'
+               for topic in RECTIFIED.values()}}
 # Large images stay in the process.
 INSIDE = [{'use_intra_process_comms': True}]
 
@@ -29,6 +35,7 @@ def container(context):
         pair = [(theirs, RECTIFIED.get(ours, ours)) for theirs, ours in PAIR]
         before = [ComposableNode(package='image_proc', plugin='image_proc::RectifyNode',
                                  name=f"rectify_{raw.split('/')[1]}", extra_arguments=INSIDE,
+                                 parameters=[RELIABLE],
                                  remappings=[('image', raw), ('image_rect', rect)])
                   for raw, rect in RECTIFIED.items()]
     return [ComposableNodeContainer(
@@ -38,11 +45,13 @@ def container(context):
             ComposableNode(package='stereo_image_proc', remappings=pair,
                            plugin='stereo_image_proc::DisparityNode',
                            parameters=[{'approximate_sync': False, 'stereo_algorithm': 1,
-                                        'disparity_range': 128, 'correlation_window_size': 7}],
+                                        'disparity_range': 128, 'correlation_window_size': 7},
+                                       RELIABLE],
                            extra_arguments=INSIDE),
             ComposableNode(package='stereo_image_proc', remappings=pair,
                            plugin='stereo_image_proc::PointCloudNode',
-                           parameters=[{'approximate_sync': False}], extra_arguments=INSIDE)])]
+                           parameters=[{'approximate_sync': False}, RELIABLE],
+                           extra_arguments=INSIDE)])]
 
 
 def generate_launch_description():

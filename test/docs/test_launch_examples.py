@@ -8,7 +8,9 @@ from typing import Any
 
 import pytest
 from snippets import ROOT
+import yaml
 
+from lunar_rover_sim.autonomy.navigation.config import MapConfig
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.judge.slam.live import WRAPPERS
 
@@ -43,11 +45,23 @@ def test_example(path: Path) -> None:
     assert taken or path.name.startswith(('nav2', 'orb_slam3'))
     for theirs, ours in taken:
         assert KINDS[ours] == READ[theirs], (theirs, ours)
-    if 'POINTS' in values:
-        assert KINDS[values['POINTS']['topic'].removeprefix('/')] == values['POINTS']['data_type']
     if 'ARGUMENTS' in values:
         assert values['ARGUMENTS']['wrapper'] in WRAPPERS
         assert values['ARGUMENTS']['sensor'] in WRAPPERS[values['ARGUMENTS']['wrapper']]
         path = ROOT / 'lunar_rover_sim/nodes/launch/slam.launch.py'
         text = path.read_text('utf-8')
         assert all(f"'{name}':" in text for name in values['ARGUMENTS'])
+
+
+def test_parameters_of_nav2() -> None:
+    """Its servers are those that the launch file starts, on topics and frames of ours."""
+    folder = ROOT / 'config' / 'launch_examples'
+    nodes = yaml.safe_load((folder / 'nav2.yaml').read_text('utf-8'))
+    servers = set(constants(folder / 'nav2.launch.py')['SERVERS'].values())
+    manager = nodes['lifecycle_manager_navigation']['ros__parameters']
+    assert set(manager['node_names']) == servers <= set(nodes)
+    costmaps = nodes['/*/*']['ros__parameters']
+    assert KINDS[costmaps['ground']['map_topic'].removeprefix('/')] == 'OccupancyGrid'
+    for server in ('bt_navigator', 'controller_server'):
+        assert KINDS[nodes[server]['ros__parameters']['odom_topic']] == 'Odometry'
+    assert costmaps['resolution'] == MapConfig().cell_m
