@@ -274,7 +274,8 @@ class CameraPublisher:
             step = self._points_step
             self._send(topics.POINTS.name, image_conversions.point_cloud(
                 points_from_depth(depth, self._camera.K)[::step, ::step],
-                layers['left'][::step, ::step], topics.POINTS.frame_id, stamp))
+                self._matcher.rectified(layers['left'])[::step, ::step],
+                topics.POINTS.frame_id, stamp))
 
 
 class LabelPublisher:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.base.errors import brief, StereoError
+from lunar_rover_sim.image.camera.distortion import distort
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.image.stereo.config import SgmConfig
 from lunar_rover_sim.image.stereo.depth import DisparityMap
@@ -38,11 +39,17 @@ _HALF_TURNS = 2             # of the refinement of what was matched at half the 
 
 
 class SgmMatcher:
-    """Matches rectified pairs; not thread-safe."""
+    """Matches pairs, which it rectifies where their cameras distort; not thread-safe."""
 
     def __init__(self, config: SgmConfig, rig: StereoRig | None = None) -> None:
-        """Make the matcher; rig: the cameras, for `DisparityMap.depth_m`."""
+        """Make the matcher.
+
+        Args:
+            rig: The cameras, for `DisparityMap.depth_m` and their distortion; None: pairs come
+                rectified.
+        """
         self.config = config
+        self._raw = None if rig is None or not rig.D.any() else _raw_pixels(rig)
         self._geometry = (None, None) if rig is None else (rig.focal_px, rig.baseline_m)
         self._matcher = _sgbm(config, config.min_disparity, config.num_disparities,
                               config.block_size)
@@ -57,8 +64,19 @@ class SgmMatcher:
         low = self.config.min_disparity
         return f'SgmMatcher({low} to {low + self.config.num_disparities} px)'
 
+    def rectified(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return an image as it were without distortion; black where no pixel has seen it."""
+        if self._raw is None:
+            return image
+        if image.shape[:2] != self._raw.shape[:2]:
+            raise StereoError(f'image: shape {image.shape} is not valid; valid is that of the '
+                              f'camera, {self._raw.shape[:2]}')
+        return cv2.remap(image, self._raw, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
+
     def match(self, left: NDArray[Any], right: NDArray[Any]) -> DisparityMap:
-        """Match two (h, w) or (h, w, 3) images, uint8 or uint16.
+        """Match two (h, w) or (h, w, 3) images, uint8 or uint16, as the cameras give them.
+
+        The disparity is that of the rectified left image.
 
         Raises:
             StereoError: If they are others, their shapes differ or the search range exceeds the
@@ -73,13 +91,16 @@ class SgmMatcher:
         if left.shape[1] <= config.num_disparities + config.min_disparity:
             raise StereoError(f'num_disparities: {config.num_disparities} is not valid; valid is '
                               f'less than the image width, {left.shape[1]}')
-        left8, right8 = _gray(left), _gray(right)
+        left8, right8 = (self.rectified(_gray(image)) for image in (left, right))
         height, width = left8.shape
         invalid = float(config.min_disparity - 1)
         disparity = np.full((height, width), invalid, np.float32)
         top = self._first_row(left8, right8)
         if height - top > config.block_size:
             self._match_below(left8[top:], right8[top:], disparity[top:])
+        if self._raw is not None:       # black beyond the raw image is no ground
+            disparity[((self._raw < 0.0) | (self._raw > (width - 1.0, height - 1.0))).any(-1)] = \
+                invalid
         reach = config.min_disparity + config.num_disparities
         margin = config.block_size // 2
         # A match needs a right column within the image at the least disparity looked for.
@@ -192,6 +213,12 @@ def _check_image(name: str, image: NDArray[Any]) -> None:
     what = f'{image.dtype} {image.shape}' if is_array else brief(image)
     raise StereoError(f'{name}: {what} is not valid; valid is uint8 or uint16, (h, w) or '
                       '(h, w, 3)')
+
+
+def _raw_pixels(rig: StereoRig) -> NDArray[np.float32]:
+    """Return the (h, w, 2) place in the raw image of each pixel of the rectified one [px]."""
+    centre, focal = rig.K[:2, 2], rig.focal_px
+    return (distort(rig.rays()[..., :2], rig.D) * focal + centre).astype(np.float32)
 
 
 def _gray(image: NDArray[Any]) -> NDArray[np.uint8]:

@@ -6,11 +6,15 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from lunar_rover_sim.base.errors import ConfigError, StereoError
+from lunar_rover_sim.image.camera.config import CameraConfig
+from lunar_rover_sim.image.camera.distortion import undistort
+from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.image.stereo.config import SgmConfig
 from lunar_rover_sim.image.stereo.depth import (depth_from_disparity, disparity_from_depth,
                                                 DisparityMap)
 from lunar_rover_sim.image.stereo.sgm import refined, SgmMatcher, unexplained
 from lunar_rover_sim.image.stereo.sky import sky
+from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.run.scenario import Scenario
 
 
@@ -51,6 +55,44 @@ def test_no_mode_is_biased(mode):
 @pytest.mark.parametrize('mode', ['sgbm', '3way'])
 def test_without_refinement_modes_that_look_down_more_than_up_are(mode):
     assert np.nanmedian(plane(mode, refinement=False)) < -0.05
+
+
+DISTORTION = (-0.25, 0.08, 0.001, -0.001, 0.0)
+
+
+def test_pairs_of_distorting_cameras_are_rectified_first():
+    """As without distortion; matched as they come, half of the pixels are wrong by a pixel."""
+    rig = StereoRig(load_rover(), CameraConfig(width=400, height=240, distortion=DISTORTION))
+    truth = np.maximum(np.arange(240) - 60, 0) * 0.25 + 3.0
+    centre = rig.K[:2, 2]
+    raw = np.stack(np.meshgrid(np.arange(400), np.arange(240)), axis=-1)
+    shown = (undistort((raw - centre) / rig.focal_px, DISTORTION) * rig.focal_px + centre).astype(
+        np.float32)
+    left, right = (cv2.remap(image, shown, None, cv2.INTER_CUBIC)
+                   for image in textured_pair(truth))
+    inside = np.s_[80:-20, 110:-20]
+    wrong = []
+    for cameras in (rig, None):
+        found = SgmMatcher(SgmConfig(num_disparities=64), cameras).match(left, right)
+        error_px = np.where(found.valid, found.disparity_px - truth[:, None], np.nan)[inside]
+        wrong.append(np.nanmean(np.abs(error_px) > 1.0))
+        if cameras is rig:
+            assert np.mean(np.isfinite(error_px)) > 0.9
+            assert abs(np.nanmedian(error_px)) < 0.05
+    assert wrong[0] < 0.02 and wrong[1] > 0.3
+    with pytest.raises(StereoError, match=r'shape \(120, 400\) is not valid; valid is that of'):
+        SgmMatcher(SgmConfig(num_disparities=64), rig).match(left[:120], right[:120])
+
+
+def test_what_no_pixel_has_seen_has_no_disparity():
+    """With a pincushion's distortion corners of the rectified image lie outside the raw one."""
+    rig = StereoRig(load_rover(), CameraConfig(width=400, height=240,
+                                               distortion=(0.25, 0.0, 0.0, 0.0, 0.0)))
+    matcher = SgmMatcher(SgmConfig(num_disparities=64), rig)
+    left, right = textured_pair(np.full(240, 10.0), sky=0)
+    assert not matcher.rectified(left)[:8, -8:].any() and matcher.rectified(left)[120, 200]
+    valid = matcher.match(left, right).valid
+    assert not valid[:8, -8:].any() and valid[120, 200]
 
 
 def test_refinement_finds_a_shift_of_a_fraction_whatever_the_noise():
