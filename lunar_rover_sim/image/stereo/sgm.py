@@ -68,10 +68,10 @@ class SgmMatcher:
         """Return an image as it were without distortion; black where no pixel has seen it."""
         if self._raw is None:
             return image
-        if image.shape[:2] != self._raw.shape[:2]:
+        if image.shape[:2] != self._raw[0].shape:
             raise StereoError(f'image: shape {image.shape} is not valid; valid is that of the '
-                              f'camera, {self._raw.shape[:2]}')
-        return cv2.remap(image, self._raw, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
+                              f'camera, {self._raw[0].shape}')
+        return cv2.remap(image, *self._raw, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
 
     def match(self, left: NDArray[Any], right: NDArray[Any]) -> DisparityMap:
         """Match two (h, w) or (h, w, 3) images, uint8 or uint16, as the cameras give them.
@@ -99,8 +99,8 @@ class SgmMatcher:
         if height - top > config.block_size:
             self._match_below(left8[top:], right8[top:], disparity[top:])
         if self._raw is not None:       # black beyond the raw image is no ground
-            disparity[((self._raw < 0.0) | (self._raw > (width - 1.0, height - 1.0))).any(-1)] = \
-                invalid
+            u, v = self._raw
+            disparity[(u < 0.0) | (u > width - 1.0) | (v < 0.0) | (v > height - 1.0)] = invalid
         reach = config.min_disparity + config.num_disparities
         margin = config.block_size // 2
         # A match needs a right column within the image at the least disparity looked for.
@@ -215,10 +215,10 @@ def _check_image(name: str, image: NDArray[Any]) -> None:
                       '(h, w, 3)')
 
 
-def _raw_pixels(rig: StereoRig) -> NDArray[np.float32]:
-    """Return the (h, w, 2) place in the raw image of each pixel of the rectified one [px]."""
-    centre, focal = rig.K[:2, 2], rig.focal_px
-    return (distort(rig.rays()[..., :2], rig.D) * focal + centre).astype(np.float32)
+def _raw_pixels(rig: StereoRig) -> tuple[F32, F32]:
+    """Return the column and the row in the raw image of each pixel of the rectified one [px]."""
+    places = distort(rig.rays()[..., :2], rig.D) * rig.focal_px + rig.K[:2, 2]
+    return places[..., 0].astype(np.float32), places[..., 1].astype(np.float32)
 
 
 def _gray(image: NDArray[Any]) -> NDArray[np.uint8]:
