@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 import numpy as np
 from rclpy.publisher import Publisher
@@ -20,9 +20,11 @@ from lunar_rover_sim.bag.messages import header_ns, time_ns, xyz
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import GraphError
 from lunar_rover_sim.base.frames import matrix_from_wxyz, se3
+from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
 from lunar_rover_sim.image.camera.encoding import eight_bits, ENCODINGS
 from lunar_rover_sim.image.stereo.depth import grey
 from lunar_rover_sim.judge.slam import protocol
+from lunar_rover_sim.judge.slam.graph.anchor import Anchor, Doubt
 from lunar_rover_sim.judge.slam.graph.collected import AIDS
 from lunar_rover_sim.judge.slam.graph.in_process import GraphTracker
 from lunar_rover_sim.judge.slam.program import command_words, program_settings, SlamProgram
@@ -59,6 +61,7 @@ class SlamNode(node_main.GraphNode):
         self._waiting: deque[FrameSet] = deque()
         self._imu: deque[tuple[int, tuple[float, ...], tuple[float, ...]]] = deque()
         self._drops, self._state = Drops(), protocol.INITIALISING
+        self._place = ''        # of the graph, on a map from orbit
         self._latencies_s: list[float] = []
         self._frames = [0] * len(protocol.STATES)       # answered, by their state
         if config.has_imu and abs(config.gravity_mps2 - _COMPILED_MPS2) > 0.1 \
@@ -70,8 +73,8 @@ class SlamNode(node_main.GraphNode):
         suite = described_sensors(load_rover(config.rover or None), config.camera, config.imu,
                                   config.frame_rate_hz, config.imu_rate_hz, config.gravity_mps2)
         self._owned = ExitStack()
-        self._graph = GraphTracker(suite, self.wake_later, self.get_logger().info) \
-            if config.is_graph else None
+        self._graph = GraphTracker(suite, self.wake_later, self.get_logger().info, _anchor(config)
+                                   ) if config.is_graph else None
         self._program = self._graph or SlamProgram(
             command_words(config.command, suite, config.sensor, Path(self._owned.enter_context(
                 TemporaryDirectory(prefix='slam_node_')))),
@@ -216,18 +219,29 @@ class SlamNode(node_main.GraphNode):
                     [(self._config.frame_id, self._config.child_frame_id, T)], pose.stamp_ns))
         # Without the latency, which is wall time: recordings in lockstep are repeatable.
         level = DiagnosticStatus.OK if pose.state == protocol.TRACKING else DiagnosticStatus.WARN
+        self._place = pose.place
         array = DiagnosticArray(status=[DiagnosticStatus(
-            level=level, name='slam', message=protocol.STATES[pose.state])])
+            level=level, name='slam', message=protocol.STATES[pose.state],
+            values=[KeyValue(key=key, value=value) for key, value in
+                    (('place', pose.place), ('news', pose.news)) if value])])
         array.header.stamp = stamp
         assert self._status is not None and time_ns(stamp) == pose.stamp_ns
         self._status.publish(array)
 
     def _tracking_status(self) -> SubjectStatus:
         state = protocol.STATES[self._state] if self._program.is_ready else 'not ready'
+        place = {'Place on the map from orbit': self._place} if self._place else {}
         return SubjectStatus(OK if self._state == protocol.TRACKING else WARN, state,
-                             {'Frames answered': str(sum(self._frames)),
+                             {**place, 'Frames answered': str(sum(self._frames)),
                               'Frames tracked': str(self._frames[protocol.TRACKING]),
                               'Latency (ms)': _median_ms(self._latencies_s[-_RECENT:])})
+
+
+def _anchor(config: SlamNodeConfig) -> Anchor | None:
+    if not config.maps:
+        return None
+    return Anchor(OrbitalMap.load(Path(config.maps)),
+                  Doubt((config.near_x_m, config.near_y_m), config.doubt_m))
 
 
 def _median_ms(latencies_s: Sequence[float]) -> str:

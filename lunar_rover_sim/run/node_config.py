@@ -295,6 +295,14 @@ class SlamNodeConfig(NodeConfig):
                          'that has the wheel of it')
     sensor: str = param('stereo', 'what the program gets',
                         choices=('mono', 'stereo', 'stereo-inertial'))
+    maps: str = param('', 'with system graph: folder of maps from orbit, of `world export '
+                      '--orbital`, on which it finds its place: poses are those in the site then; '
+                      'empty: none')
+    near_x_m: float = param(0.0, 'with maps: the start is near to this place', unit='m',
+                            low=-1e5, high=1e5)
+    near_y_m: float = param(0.0, 'the same, y', unit='m', low=-1e5, high=1e5)
+    doubt_m: float = param(50.0, 'with maps: radius around it, all that is known of the start',
+                           unit='m', low=1.0, high=500.0)
     frame_id: str = param('slam_map', 'frame of the poses: the map of the program')
     publish_tf: bool = param(False, 'publish the pose on tf, too')
     child_frame_id: str = param('slam_camera', 'child frame on tf; a frame of its own, since '
@@ -320,6 +328,9 @@ class SlamNodeConfig(NodeConfig):
         if self.is_graph and self.command:
             raise ConfigError(f'command: {self.command!r} is not valid with system graph, which '
                               "starts no program; valid is ''")
+        if self.maps and not self.is_graph:
+            raise ConfigError(f'maps: {self.maps!r} is not valid with system command; valid is '
+                              "'', or system graph")
 
     @property
     def is_graph(self) -> bool:

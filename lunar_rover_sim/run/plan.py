@@ -14,6 +14,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+from lunar_rover_sim.autonomy.navigation.config import SLAM, TRUTH, WHEELS
 from lunar_rover_sim.autonomy.path_following.route import make_route
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError
@@ -204,23 +205,46 @@ def _records_scans(scenario: Scenario) -> bool:
         (*LIDAR_TOPICS, topics.LIDAR_SCANNED.name))
 
 
-def with_slam(scenario: Scenario, command: str) -> Scenario:
+def with_slam(scenario: Scenario, command: str, maps: Path | None = None,
+              near_m: tuple[float, float] | None = None, doubt_m: float = 50.0) -> Scenario:
     """Return the scenario with slam_node among its nodes.
 
     Args:
         command: The program that it starts, or `graph` for its own.
+        maps: With `graph`: folder of maps from orbit, on which it finds its place.
+        near_m: Place that the start is near to; None: the start of the scenario, where the rover
+            was to be set down.
+        doubt_m: Radius around it.
 
     Raises:
-        ConfigError: If the command is empty or no line of a shell.
+        ConfigError: If the command is empty or no line of a shell, the maps are not for this
+            program, or a node drives by its poses.
         ProcessError: If there is no such program.
+        WorldError: If the maps cannot be read.
     """
     nodes = tuple(dict.fromkeys((*scenario.run.nodes, 'slam_node')))
     is_graph = command == 'graph'
     if not is_graph:
         executable(program_words(command)[0])
+    on_maps: dict[str, Any] = {}
+    if maps is not None:
+        if not is_graph:
+            raise ConfigError(f'--orbital: is for --slam graph, and the program is {command}')
+        for name in ('mapping_node', 'navigator_node'):
+            if name in nodes and getattr(scenario, name).pose == SLAM:
+                raise ConfigError(f'{name}.pose: {SLAM!r} is not valid with --orbital, since a '
+                                  f'fix moves the poses; valid are {TRUTH}, {WHEELS}')
+        # It takes time to import, which other runs need not wait for.
+        from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
+        OrbitalMap.load(maps)       # what is wrong with them is said before anything starts
+        start = scenario.physics_node.start
+        x, y = (start.x_m, start.y_m) if near_m is None else near_m
+        on_maps = {'slam_node.maps': str(maps.resolve()), 'slam_node.near_x_m': x,
+                   'slam_node.near_y_m': y, 'slam_node.doubt_m': doubt_m,
+                   'slam_node.frame_id': scenario.slam_node.truth.frame_id}
     return replaced(scenario, {
         'run.nodes': nodes, 'slam_node.system': 'graph' if is_graph else 'command',
-        'slam_node.command': '' if is_graph else command})
+        'slam_node.command': '' if is_graph else command, **on_maps})
 
 
 def without_node(scenario: Scenario, name: str) -> Scenario:

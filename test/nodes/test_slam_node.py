@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from conftest import PLAIN, simulate, TINY
-from judge.slam import closed_way
+from judge.slam import closed_way, relief_walk
 import numpy as np
 import pytest
 from waiting import LIMIT_S
@@ -33,6 +33,7 @@ from lunar_rover_sim.image.camera.config import CameraConfig  # noqa: E402
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate  # noqa: E402
 from lunar_rover_sim.judge.evaluation.trajectory_sources import load  # noqa: E402
 from lunar_rover_sim.judge.slam.graph import from_bag  # noqa: E402
+from lunar_rover_sim.judge.slam.graph.measured import Stars  # noqa: E402
 from lunar_rover_sim.products.inspection.check import check  # noqa: E402
 from lunar_rover_sim.products.sequences.sensors import described_sensors  # noqa: E402
 from lunar_rover_sim.rover.description import load_rover  # noqa: E402
@@ -332,6 +333,34 @@ def test_the_graph_says_live_what_it_says_of_a_bag(peer: Peer) -> None:
                                    located.covariance, rtol=1e-3, atol=1e-9)
 
 
+def test_on_a_map_from_orbit_the_graph_says_what_it_knows_of_its_place(
+        peer: Peer, tmp_path: Path) -> None:
+    """Before the first fix that is the doubt; the poses are in the frame of the site."""
+    pytest.importorskip('gtsam')
+    relief_walk.orbital(0).save(tmp_path / 'map')
+    steps = closed_way.drive(laps=0.05, heading=True)
+    stars = Stars(steps[0].stamp_ns, steps[0].T_world_base[:3, :3], 4e-8 * np.eye(3))
+    steps[0] = dataclasses.replace(steps[0], aids=dataclasses.replace(steps[0].aids, stars=stars))
+    feeder = Feeder(peer)
+    told = peer.listen(PoseWithCovarianceStamped, 'slam/pose_with_covariance')
+    statuses = peer.listen(DiagnosticArray, 'slam/status')
+    given = ('system:=graph', 'time_mode:=lockstep', 'camera.width:=320', 'camera.height:=240',
+             f'maps:={tmp_path / "map"}', 'near_x_m:=20.0', 'near_y_m:=-25.0', 'doubt_m:=40.0',
+             'frame_id:=odom')
+    with running('slam_node', *(word for setting in given for word in ('-p', setting))):
+        peer.spin_until(lambda: peer.node.count_publishers('slam/status') > 0
+                        and feeder.is_connected())
+        for count, step in enumerate(steps, 1):
+            feeder.step(step)
+            peer.spin_until(lambda count=count: len(told) == len(statuses) == count)
+    for message, status in zip(told, statuses, strict=True):
+        assert message.header.frame_id == 'odom'
+        assert math.dist(xyz(message.pose.pose.position)[:2], (20.0, -25.0)) < 1.0
+        P = np.reshape(message.pose.covariance, (6, 6))
+        np.testing.assert_allclose(np.sqrt(np.diag(P)[:2]), 20.0, rtol=0.01)
+        assert [(v.key, v.value) for v in status.status[0].values] == [('place', 'looking')]
+
+
 def test_without_gtsam_the_graph_says_so_in_a_line_and_is_the_window(peer: Peer) -> None:
     """The node tracks without covariances."""
     feeder = Feeder(peer)
@@ -357,7 +386,8 @@ def test_without_gtsam_the_graph_says_so_in_a_line_and_is_the_window(peer: Peer)
 
 @pytest.mark.parametrize(('parameters', 'word'), [
     (('sensor:=mono',), "sensor: 'mono' is not valid with system graph"),
-    (('command:=ls',), "command: 'ls' is not valid with system graph")])
+    (('command:=ls',), "command: 'ls' is not valid with system graph"),
+    (('maps:=/nowhere',), '/nowhere/orbital.json: No such file')])
 def test_what_the_graph_cannot_use_is_one_line(parameters: tuple[str, ...], word: str) -> None:
     ended = subprocess.run(
         [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', 'slam_node', '--ros-args',

@@ -1,10 +1,12 @@
 """What a run publishes and records, and the gate that its time waits at."""
 
+from judge.slam import relief_walk
 import pytest
 
 from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.errors import ConfigError, WorldError
 from lunar_rover_sim.run.lockstep import StampGate, WrittenStamps
-from lunar_rover_sim.run.plan import resolve
+from lunar_rover_sim.run.plan import resolve, with_navigator, with_slam
 from lunar_rover_sim.run.publication import (is_recorded, misspelt_exclusions, period_ns,
                                              silent_topics, unrecorded_cameras)
 from lunar_rover_sim.run.scenario import Scenario
@@ -93,6 +95,25 @@ def test_nodes_of_a_run_take_over_values_of_others() -> None:
     assert (slam.imu.preset, slam.gravity_mps2) == ('bmi160', 3.7)
     assert (physics.ground_rate_hz, physics.sun.elevation_deg) == (10, 7.0)
     assert scenario.lidar_node.reflectance.albedo_scale == 0.9
+
+
+def test_the_graph_is_given_a_map_from_orbit(tmp_path) -> None:
+    """Near the start of the scenario, unless a place is given; poses are those in the site."""
+    relief_walk.orbital(0).save(tmp_path / 'map')
+    scenario = Scenario.load('flat', {'physics_node.start.x_m': 3.0})
+    slam = with_slam(scenario, 'graph', tmp_path / 'map').slam_node
+    assert (slam.near_x_m, slam.near_y_m, slam.doubt_m) == (3.0, 0.0, 50.0)
+    assert slam.maps == str(tmp_path / 'map') and slam.frame_id == 'odom'
+    slam = with_slam(scenario, 'graph', tmp_path / 'map', (8.0, -2.0), 20.0).slam_node
+    assert (slam.near_x_m, slam.near_y_m, slam.doubt_m) == (8.0, -2.0, 20.0)
+    with pytest.raises(ConfigError, match='--orbital: is for --slam graph, and the program is ls'):
+        with_slam(scenario, 'ls', tmp_path / 'map')
+    with pytest.raises(WorldError, match='No such file'):
+        with_slam(scenario, 'graph', tmp_path / 'none')
+    by_slam = with_navigator(Scenario.load('flat', {'navigator_node.pose': 'slam'}), [(1.0, 1.0)])
+    with pytest.raises(ConfigError, match="navigator_node.pose: 'slam' is not valid with --orb"):
+        with_slam(by_slam, 'graph', tmp_path / 'map')
+    assert not with_slam(scenario, 'graph').slam_node.maps
 
 
 MS = 1_000_000

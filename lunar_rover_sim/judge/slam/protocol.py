@@ -68,6 +68,9 @@ class TrackedPose:
         position_m, wxyz: (3,), (4,) of the left camera in the map of the program.
         covariance: (6, 6) of x, y, z [m] and of the turn about the map's axes [rad]; None from
             a program, which has no message for it.
+        place: Of the graph with a map from orbit: what it knows of its place there, see
+            `graph.anchor.Anchor.place`; empty without.
+        news: What moved the estimate at this frame; empty for nothing.
     """
 
     stamp_ns: int
@@ -75,6 +78,8 @@ class TrackedPose:
     position_m: tuple[float, ...] = (0.0, 0.0, 0.0)
     wxyz: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
     covariance: NDArray[np.float64] | None = None
+    place: str = ''
+    news: str = ''
 
 
 def packed(kind: int, body: bytes = b'') -> bytes:

@@ -7,12 +7,13 @@ import dataclasses
 from typing import Any
 
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Ellipse
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.bag.messages import header_ns
+from lunar_rover_sim.bag.messages import header_ns, xyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.series import Odometry
 from lunar_rover_sim.base import topics
@@ -23,6 +24,7 @@ from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
 _SHOWN = 4
 _COLOURS = colormaps['viridis']
 _AROUND, _LEAST_HALF_M = 0.15, 20.0     # of an overview beyond the way: a share of it
+_ELLIPSES, _SIGMAS = 12, 3.0            # of an estimate, over the drive; their half axes
 _LABELLED = 12                          # of its craters, the largest
 _UNKNOWN, _LETHAL = (0.13, 0.13, 0.15), (0.93, 0.30, 0.20)
 
@@ -111,7 +113,7 @@ def map_figure(bag: Bag, odometry: Odometry, save: Callable[[Figure, str], None]
 
 def overview_figure(bag: Bag, odometry: Odometry, maps: OrbitalMap,
                     save: Callable[[Figure, str], None]) -> None:
-    """Draw the way, plans and goals over a map from orbit, as overview.png.
+    """Draw the way, plans, goals and an anchored estimate over a map from orbit, as overview.png.
 
     Raises:
         BagError: If the rover was nowhere on the map.
@@ -152,6 +154,7 @@ def overview_figure(bag: Bag, odometry: Odometry, maps: OrbitalMap,
                   ls='-' if last else ':', label='plan' if last else None)
     axes.plot(*way.T, color='tab:red', lw=1.5, label='driven')
     axes.plot(*way[0], 'o', color='tab:green', ms=6, label='start')
+    _draw_estimate(axes, bag)
     for k, goal in enumerate(goals):
         axes.plot(*goal, '*', color='cyan', ms=12, label=None if k else 'goal')
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half),
@@ -159,3 +162,27 @@ def overview_figure(bag: Bag, odometry: Odometry, maps: OrbitalMap,
     axes.set_title('map from orbit; blue: the largest craters of it', fontsize=9)
     axes.legend(loc='upper right')
     save(figure, 'overview.png')
+
+
+def _draw_estimate(axes: Axes, bag: Bag) -> None:
+    """Draw what slam_node said of its place on the site, with ellipses of its covariance."""
+    name = topics.SLAM_COVARIANCE.name
+    if not bag.has(name) or not bag.has(bag.truth):
+        return
+    site = bag.first(bag.truth).header.frame_id
+    told = [(np.array(xyz(message.pose.pose.position)[:2]),
+             np.reshape(message.pose.covariance, (6, 6))[:2, :2])
+            for _, _, message in bag.messages([bag.resolve(name)])
+            if message.header.frame_id == site]     # else it is in a map of its own
+    if not told:
+        return
+    places = np.array([place for place, _ in told])
+    axes.plot(*places.T, color='tab:purple', lw=1.0, ls='--', label='told by slam_node')
+    for k in np.unique(np.linspace(0, len(told) - 1, _ELLIPSES).round().astype(int)):
+        place, P = told[k]
+        variances, vectors = np.linalg.eigh(P)
+        width, height = 2.0 * _SIGMAS * np.sqrt(np.maximum(variances[::-1], 0.0))
+        angle = np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))
+        axes.add_patch(Ellipse(tuple(place), width, height, angle=angle, fill=False,
+                               color='tab:purple', lw=1.0,
+                               label=f'its {_SIGMAS:g} sigma' if k == len(told) - 1 else None))

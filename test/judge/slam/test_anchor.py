@@ -9,7 +9,7 @@ import pytest
 from lunar_rover_sim.base.errors import LunarRoverSimError, SlamError
 from lunar_rover_sim.cli.main import execute
 from lunar_rover_sim.judge.slam.graph import pose_graph
-from lunar_rover_sim.judge.slam.graph.anchor import Anchor, Doubt
+from lunar_rover_sim.judge.slam.graph.anchor import Anchor, Doubt, FIXED, LOOKING, LOST
 
 pytestmark = pytest.mark.skipif(not pose_graph.has_gtsam(), reason='gtsam is not installed')
 
@@ -32,6 +32,7 @@ def test_it_finds_its_place_and_says_so(seed):
     assert (errors < 4.0 * np.array(found.sigmas_m)[first:]).all()
     assert np.median(errors) < 1.5 and max(found.sigmas_m[first:]) < 3.0
     assert (anchor.fixes, anchor.losses, anchor.refused) == (1, 0, 0)
+    assert anchor.place == FIXED
     # No estimate moves by a metre without a word.
     leaps = np.linalg.norm(np.diff(np.array(found.errors_m)[:, :2], axis=0), axis=1)
     assert all(found.news[k + 1] for k in np.flatnonzero(leaps > 1.0))
@@ -57,7 +58,7 @@ def changed(name):
 def test_on_a_wrong_map_no_place_is_found(name):
     """The doubt stays, and what does not fit is counted."""
     anchor, found = walked(changed(name))
-    assert not anchor.is_fixed and anchor.fixes == 0 and not any(found.news)
+    assert anchor.place == LOOKING and anchor.fixes == 0 and not any(found.news)
     assert min(found.sigmas_m) > 20.0
     assert anchor.looks > 5
     assert name != 'in millimetres' or anchor.refused == anchor.looks
@@ -71,7 +72,7 @@ def test_where_the_map_ceases_to_fit_the_place_is_lost_and_the_covariance_grows(
     assert anchor.fixes == 1 and anchor.losses == len(lost) == 1
     assert found.sigmas_m[lost[0] - 1] < 3.0 < 20.0 < found.sigmas_m[lost[0]]
     assert anchor.refused + anchor.contradicted >= 3
-    assert 'lost 1 times' in anchor.words
+    assert 'lost 1 times' in anchor.words and anchor.place == LOST
 
 
 def test_what_cannot_be_used_is_one_line(tmp_path):

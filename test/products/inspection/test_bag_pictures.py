@@ -4,22 +4,26 @@ from pathlib import Path
 import shutil
 
 import cv2
+from judge.slam import relief_walk
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Ellipse
 import numpy as np
 import pytest
 import sensor_items
 import synthetic_bag as synthetic
 import worlds
 
-from lunar_rover_sim.bag import marker
+from lunar_rover_sim.bag import marker, series
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import BagError, WorldError
+from lunar_rover_sim.base.frames import se3
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.ground.world.world_folder import load_world, save_world
 from lunar_rover_sim.image.lidar.scan import POINT
 from lunar_rover_sim.products.inspection.bag_pictures import preview, sensor_figure
+from lunar_rover_sim.products.inspection.map_pictures import overview_figure
 
 STEREO = [f'stereo_{k}.png' for k in range(4)]
 
@@ -75,6 +79,37 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path, bag):
     (tmp_path / 'file').write_text('')
     with pytest.raises(BagError, match='stereo_0.png: cannot be written: Not a directory'):
         preview(bag, tmp_path / 'file' / 'out')
+
+
+def told(frame, ns, place, sigmas):
+    """Return what slam_node says: a place, with standard deviations along x and y."""
+    covariance = np.diag(np.square([*sigmas, 1.0, 0.1, 0.1, 0.1]))
+    pose = synthetic.odometry(ns, frame, se3(np.eye(3), place)).pose.pose
+    return synthetic.item(topics.SLAM_COVARIANCE, synthetic.msg(
+        'geometry_msgs/PoseWithCovarianceStamped', header=synthetic.header(ns, frame),
+        pose=synthetic.msg('geometry_msgs/PoseWithCovariance', pose=pose,
+                           covariance=covariance.ravel())))
+
+
+@pytest.mark.parametrize(('frame', 'sizes'), [
+    ('odom', [(150.0, 90.0, 90.0), (6.0, 3.0, 0.0)]), ('slam_map', [])])
+def test_the_overview_has_ellipses_of_an_estimate_in_the_site(tmp_path, items, frame, sizes):
+    """Of three deviations; an estimate in a map of its own has no place on the site."""
+    bag = synthetic.write(tmp_path / 'bag', [
+        *(i for i in items if 'image' not in i.topic),
+        told(frame, 100_000_000, (10.0, -5.0, 0.0), (15.0, 25.0)),
+        told(frame, 200_000_000, (2.0, 0.5, 0.0), (1.0, 0.5))])
+    found = []
+    with open_bag(bag) as opened:
+        overview_figure(opened, series.read_odometry(opened), relief_walk.orbital(0),
+                        lambda figure, name: found.append((figure, name)))
+    (figure, name), = found
+    assert name == 'overview.png'
+    drawn = [p for p in figure.axes[0].patches if isinstance(p, Ellipse) and p.angle is not None
+             and not isinstance(p, Circle)]
+    for ellipse, (width, height, angle) in zip(drawn, sizes, strict=True):
+        np.testing.assert_allclose((ellipse.width, ellipse.height), (width, height))
+        assert abs(np.sin(np.radians(ellipse.angle - angle))) < 1e-6
 
 
 def test_another_world_is_refused(tmp_path, items, world):

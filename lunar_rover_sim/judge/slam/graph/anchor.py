@@ -25,6 +25,8 @@ from lunar_rover_sim.judge.slam.graph.map_match import Match, match
 from lunar_rover_sim.judge.slam.graph.pose_graph import PoseGraph
 from lunar_rover_sim.judge.slam.graph.relief import Cells, Relief
 
+# What is known of the place: not yet; since the first fix; not any more; the heading is not known.
+PLACES = LOOKING, FIXED, LOST, NOT_USED = 'looking', 'fixed', 'lost', 'not used'
 _SITE = 1 << 30             # key of the first pose of the site; one more after each loss
 _FIRST_M, _EVERY_M = 15.0, 5.0      # way before the first look, and between looks
 _MOST_M = 80.0              # of way whose relief is compared
@@ -82,6 +84,13 @@ class Anchor:
         self._in_a_row, self._scale = 0, math.inf       # mean square of the first fix's residuals
         self.fixes = self.looks = self.refused = self.contradicted = self.losses = 0
         self.is_fixed = self.is_blind = False
+
+    @property
+    def place(self) -> str:
+        """What is known of the place now, one of PLACES."""
+        if self.is_blind:
+            return NOT_USED
+        return FIXED if self.is_fixed else LOST if self.losses else LOOKING
 
     @property
     def words(self) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 
 from lunar_rover_sim.judge.slam.client import answer, reference
 from lunar_rover_sim.judge.slam.euroc_reader import Camera
+from lunar_rover_sim.judge.slam.graph.anchor import Anchor
 from lunar_rover_sim.judge.slam.graph.collected import Collected
 from lunar_rover_sim.judge.slam.graph.measured import Aids
 from lunar_rover_sim.judge.slam.graph.odometry import GraphOdometry
@@ -37,16 +38,18 @@ class GraphTracker:
     is_ready = True
 
     def __init__(self, suite: SensorSuite, on_news: Callable[[], None] = lambda: None,
-                 on_moved: Callable[[str], None] = lambda _text: None) -> None:
+                 on_moved: Callable[[str], None] = lambda _text: None,
+                 anchor: Anchor | None = None) -> None:
         """Begin.
 
         Args:
             on_news: Called from a thread when a frame is answered.
             on_moved: Called from a thread with what moves the estimate, such as a loop.
+            anchor: Finds the place on a site; poses are those in the site then.
         """
         self._camera = Camera(suite.focal_px, suite.centre_px, suite.baseline_m,
                               tuple(suite.distortion[:4]))
-        self._on_moved = on_moved
+        self._on_moved, self._anchor = on_moved, anchor
         self.collected = Collected(suite.T_base_imu)
         self.note = '' if has_gtsam() else f'{MISSING}; this is the window of the reference'
         self._graph: GraphOdometry | None = None
@@ -54,7 +57,7 @@ class GraphTracker:
             self._answer = self._of_window(suite)
         else:
             self._graph = GraphOdometry(self._camera, suite.T_base_imu @ suite.T_imu_left,
-                                        suite.gravity_mps2)
+                                        suite.gravity_mps2, anchor=anchor)
             self._answer = self._of_graph
         self._pool = ThreadPoolExecutor(1)
         self._on_news = on_news
@@ -68,7 +71,7 @@ class GraphTracker:
     @property
     def words(self) -> str:
         """What it counted so far; empty without the graph."""
-        return '' if self._graph is None else self._graph.counts.words
+        return '' if self._graph is None else self._graph.words
 
     def send(self, frames: FrameSet) -> None:
         """Answer a pair; only while it is not busy."""
@@ -109,7 +112,8 @@ class GraphTracker:
         if located.news:
             self._on_moved(f'{frames.stamp_ns / 1e9:.3f} s: {located.news}')
         return dataclasses.replace(answer(frames.stamp_ns, located.T_map_left, True),
-                                   covariance=located.covariance)
+                                   covariance=located.covariance, news=located.news,
+                                   place='' if self._anchor is None else self._anchor.place)
 
     def _of_window(self, suite: SensorSuite) -> Answer:
         track, located = reference(program_settings(suite, 'stereo', False)), False
