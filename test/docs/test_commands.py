@@ -41,8 +41,9 @@ def test_command_line(words: list[str]) -> None:
     elif words[0] == './bootstrap':
         assert ' '.join(words[1:]) in ('', 'demo', 'docs', 'lock', 'test', 'test --quick')
     elif words[0] == 'ros2':
-        assert words[1:3] in (['bag', 'play'], ['run', 'teleop_twist_keyboard'],
-                              ['run', 'joy'], ['run', 'teleop_twist_joy'])
+        assert words[1:3] in (['bag', 'play'], ['action', 'send_goal'],
+                              ['run', 'teleop_twist_keyboard'], ['run', 'joy'],
+                              ['run', 'teleop_twist_joy'])
     else:
         assert words[0] in FOREIGN
 
