@@ -329,10 +329,15 @@ def write(path: Path, items: list[Item], namespace: str = '', **options: Any) ->
 
 
 def write_sqlite(path: Path, items: list[Item], namespace: str = '', **options: Any) -> Path:
-    """Write the items as other recorders do: SQLite, by rosbags."""
-    writer = Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
+    """Write the items as other recorders do: SQLite, or another storage, by rosbags.
+
+    Messages are compressed, or with mode=CompressionMode.FILE the whole file.
+    """
+    writer = Writer(path, version=9,
+                    storage_plugin=options.get('storage', StoragePlugin.SQLITE3))
     if options.get('compression') == 'zstd':
-        writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+        writer.set_compression(options.get('mode', CompressionMode.MESSAGE),
+                               CompressionFormat.ZSTD)
     known: dict[str, Any] = {}
     with writer:
         for item in items:

@@ -22,6 +22,8 @@ from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import check_regular
 from lunar_rover_sim.base.files.yaml_text import FAST_LOADER, yaml_of
 
+COMPRESSED = '.zstd'    # behind the suffix of a file that is compressed as a whole
+_STORAGES = '.mcap', '.db3'
 _VERSION = 9             # of the metadata, as ROS 2 Jazzy writes it
 _MOST_BYTES = 1 << 24    # of metadata.yaml
 _NEVER_NS = 2**63 - 1   # start of a bag without messages, as rosbag2 writes it
@@ -44,10 +46,14 @@ def check_files(path: Path) -> None:
 
 
 def storage_files(path: Path) -> list[Path]:
-    """Return the storage files of a bag folder, by their numbers; BagError where there is none."""
-    for suffix in ('.mcap', '.db3'):
+    """Return the storage files of a bag folder, by their numbers; BagError where there is none.
+
+    rosbag2 compresses whole files into others with one more suffix.
+    """
+    for suffix in (*_STORAGES, *(f'{storage}{COMPRESSED}' for storage in _STORAGES)):
         files = sorted(path.glob(f'*{suffix}'), key=lambda file: (
-            [int(part) for part in re.findall(r'\d+', file.stem)[-1:]], file.name))
+            [int(part) for part in re.findall(r'\d+', file.name.removesuffix(suffix))[-1:]],
+            file.name))
         if files:
             return files
     raise BagError(f'{path}: is no bag: it holds neither .mcap nor .db3 files')
@@ -108,8 +114,13 @@ def check_told_profiles(bag: Path, told: Any) -> None:
 
 
 def check_stored_profiles(file: Path) -> None:
-    """Raise BagError for QoS in a storage file that is no YAML."""
+    """Raise BagError for QoS in a storage file that is no YAML.
+
+    Those of a compressed file are taken from metadata.yaml alone.
+    """
     texts: list[object] = []
+    if file.suffix == COMPRESSED:
+        return
     if file.suffix == '.mcap':
         # Whatever is damaged here, rosbags finds too.
         with suppress(Exception), file.open('rb') as stream:

@@ -22,7 +22,8 @@ from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.message_validity import image_problem, pixels
 from lunar_rover_sim.bag.messages import header_ns, pose_matrix
 from lunar_rover_sim.bag.metadata import (check_files, check_stored_profiles, check_told_profiles,
-                                          file_counts, information, is_count, storage_files)
+                                          COMPRESSED, file_counts, information, is_count,
+                                          storage_files)
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.base import topics as contract
 from lunar_rover_sim.base.closing import Closing
@@ -164,6 +165,11 @@ class Bag(Closing):
         if self._reader is None:
             raise BagError(f'{self.path}: the bag is closed')
         return self._reader
+
+    @property
+    def storage(self) -> str:
+        """Name of the storage: `mcap` or `db3`, also where its files are compressed."""
+        return Path(self.storage_path.name.removesuffix(COMPRESSED)).suffix.lstrip('.')
 
     @property
     def typestore(self) -> Typestore:

@@ -72,7 +72,7 @@ def info(bag: Path, as_json: bool) -> int:
         found: dict[str, Any] = {
             'messages': opened.message_count, 'start_s': start_s, 'end_s': end_s,
             'size_bytes': opened.size_bytes, 'files': len(opened.file_counts),
-            'storage': opened.storage_path.suffix.lstrip('.'),
+            'storage': opened.storage,
             'real_time_factor': recorded_factor(opened), 'incomplete': opened.incomplete or None,
             'topics': topics_found}
         notes = missing_tf(opened)

@@ -4,7 +4,7 @@ from pathlib import Path
 import types
 
 import pytest
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
 import synthetic_bag as synthetic
 import yaml
 
@@ -197,6 +197,18 @@ def test_other_readers_understand_the_bag(tmp_path, items):
     for mine, theirs in zip(expected, odom, strict=True):
         assert theirs.pose.pose.position.x == mine.pose.pose.position.x
         assert theirs.child_frame_id == mine.child_frame_id
+
+
+@pytest.mark.parametrize('storage', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_files_that_are_compressed_as_a_whole_are_read(tmp_path, items, storage):
+    """As by `ros2 bag record --compression-mode file`: bag.mcap.zstd."""
+    path = synthetic.write_sqlite(tmp_path / 'bag', items, compression='zstd', storage=storage,
+                                  mode=CompressionMode.FILE)
+    assert [file.suffix for file in sorted(path.iterdir())] == ['.zstd', '.yaml']
+    with open_bag(path) as bag:
+        assert bag.message_count == len(items) == sum(1 for _ in bag.messages())
+        assert bag.storage == ('mcap' if storage is StoragePlugin.MCAP else 'db3')
+        assert bag.incomplete is None
 
 
 def test_a_damaged_file_is_named(tmp_path):

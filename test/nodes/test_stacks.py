@@ -155,43 +155,31 @@ def test_rosbag2_knows_our_bags(request: pytest.FixtureRequest, peer: Any) -> No
                         and len(clock) >= counts['/clock'])
 
 
-def test_rosbag2_plays_with_a_clock_and_qos_of_ones_own(request: pytest.FixtureRequest,
-                                                        peer: Any, tmp_path: Path) -> None:
-    """Its own clock tells the time of our stamps; a durable reader gets what an override makes."""
-    from rclpy.qos import DurabilityPolicy, QoSProfile
+def test_rosbag2_plays_with_a_clock_of_its_own(request: pytest.FixtureRequest,
+                                               peer: Any) -> None:
+    """Its clock tells the time of our stamps, for bags that were recorded without one."""
     from rosgraph_msgs.msg import Clock
-    from sensor_msgs.msg import Imu
 
     needs('ros2bag', 'rosbag2_storage_mcap')
     bag: Path = request.getfixturevalue('recorded_run') / 'bag'
-    overrides = tmp_path / 'qos.yaml'
-    overrides.write_text('/imu/data_raw: {history: keep_last, depth: 1000, '
-                         'reliability: reliable, durability: transient_local}\n', 'utf-8')
-    durable = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    samples, clock = peer.listen(Imu, 'imu/data_raw', durable), peer.listen(Clock, 'clock', 1000)
+    clock = peer.listen(Clock, 'clock', 1000)
     with beside('ros2', 'bag', 'play', str(bag), '--rate', '0.2', '--delay', '2', '--loop',
-                '--clock', '50', '--exclude-topics', '/clock',
-                '--qos-profile-overrides-path', str(overrides)):
-        peer.spin_until(lambda: len(samples) > 150 and len(clock) > 50)
+                '--clock', '50', '--exclude-topics', '/clock'):
+        peer.spin_until(lambda: len(clock) > 50)
     seconds = [message.clock.sec + message.clock.nanosec * 1e-9 for message in clock]
     with open_bag(bag) as recorded:
         end_s = recorded.end_ns * 1e-9
-    assert 0.0 <= min(seconds) <= max(seconds) <= end_s + 0.1
+    assert 0.0 <= min(seconds) < 0.5 * end_s < max(seconds) <= end_s + 0.1
 
 
 @pytest.mark.parametrize('options', [(), ('--max-bag-size', '300000'),
-                                     ('--qos-profile-overrides-path', 'QOS'),
                                      ('--compression-mode', 'file',
                                       '--compression-format', 'zstd')],
-                         ids=['plain', 'split', 'qos', 'compressed'])
+                         ids=['plain', 'split', 'compressed'])
 def test_rosbag2_records_our_graph(options: tuple[str, ...], tmp_path: Path,
                                    open_domain: int) -> None:
     """What `ros2 bag record` leaves, our reader reads: each state once."""
     needs('ros2bag', 'rosbag2_storage_mcap')
-    qos = tmp_path / 'qos.yaml'
-    qos.write_text('/imu/data_raw: {history: keep_last, depth: 4000, reliability: reliable, '
-                   'durability: volatile}\n', 'utf-8')
-    options = tuple(str(qos) if option == 'QOS' else option for option in options)
     with beside('ros2', 'bag', 'record', '--all', '--use-sim-time', '--storage', 'mcap',
                 '-o', str(tmp_path / 'theirs'), *options):
         drive(tmp_path / 'run', '--duration', '2', *BLIND)
