@@ -56,4 +56,4 @@ def main(folder: Path, batch: int = 4) -> int:
 
 
 if __name__ == '__main__':
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else 'shards'))
+    sys.exit(__doc__) if len(sys.argv) != 2 else main(Path(sys.argv[1]))

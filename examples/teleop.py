@@ -51,7 +51,7 @@ if __name__ == '__main__':
     if len(sys.argv) > 1:
         main(pulled(os.open(sys.argv[1], os.O_RDONLY)))
     else:
-        before = termios.tcgetattr(0)
+        before = termios.tcgetattr(0) if os.isatty(0) else sys.exit('keys come from a terminal')
         tty.setcbreak(0)        # keys come without Enter
         try:
             main(pressed())

@@ -3,6 +3,8 @@
 import os
 from pathlib import Path
 import struct
+import subprocess
+import sys
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -143,6 +145,14 @@ def test_pytorch_shards(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match='there are no shards'):
         module.main(tmp_path / 'bag')
     assert module.main(tmp_path / 'shards') == (5 if module.DataLoader is None else 2)
+
+
+@pytest.mark.parametrize('name', ['frames_as_numpy', 'pytorch_shards', 'teleop'])
+def test_without_what_they_need_they_say_so(name: str) -> None:
+    """In words on stderr; keys of a pipe are none."""
+    ended = subprocess.run([sys.executable, FOLDER / f'{name}.py'], stdin=subprocess.DEVNULL,
+                           capture_output=True, text=True)
+    assert ended.returncode == 1 and ended.stderr and 'Traceback' not in ended.stderr
 
 
 @pytest.mark.ros

@@ -163,7 +163,7 @@ class GeoRaster(Raster):
             self._take_grid(grid, unit)
             return
         sides = np.hypot(*(scale @ [[grid.a, grid.b], [grid.d, grid.e]]).T)
-        if not crs.is_geographic:
+        if not crs.is_geographic and stretch.all():
             logger.info('%s: its projection stretches lengths by %.4g and %.4g at the origin; it '
                         'is resampled to metres', self.path, *1.0 / stretch)
         self._resample(x, y, np.maximum(sides, _LEAST_ASPECT * sides.max()))

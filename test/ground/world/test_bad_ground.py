@@ -143,6 +143,7 @@ def test_pixels_of_another_order_than_the_window(tmp_path):
                        sparse_ok=True, BIGTIFF='YES'):
         pass
     refused(path, '129500 x 129500 pixels of 0.0001 x 0.0001 m; valid are at most .* resample it')
+    refused(turned(tmp_path / 'far.tif', (1e300, 0.0, 0.0, 0.0, -1e300, 0.0)), 'its pixels are')
     refused(turned(tmp_path / 'wide.tif', (1e7, 0.0, 0.0, 0.0, -1e7, 0.0), None),
             'its pixels are 1e.07 x 1e.07 m; valid is up to 1e.06 m')
 
