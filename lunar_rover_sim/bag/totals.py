@@ -132,6 +132,23 @@ def recorded_counts(bag: Bag) -> dict[str, int]:
     return {}
 
 
+RESUMED_NS = 'resumed_ns'       # key there: JSON of the simulated times [ns]
+
+
+def resumed_ns(bag: Bag) -> tuple[int, ...]:
+    """Return the simulated times [ns] at which the recording went on in another process."""
+    with suppress(BagError, LookupError, TypeError, ValueError, RecursionError):
+        return tuple(int(ns) for ns in json.loads(
+            information(bag.path)['custom_data'][RESUMED_NS]))
+    return ()
+
+
+def resumed_line(bag: Bag) -> str:
+    """Return a line that says so, for people; '' where it did not."""
+    times = ', '.join(f'{ns / 1e9:.3f} s' for ns in resumed_ns(bag))
+    return f'resumed at {times}: another process went on from a checkpoint' if times else ''
+
+
 class RecordingPace:
     """Measures the real-time factor of a recording while it goes on.
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+import dataclasses
 import json
 import os
 from pathlib import Path
@@ -33,7 +34,7 @@ from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.metadata import bag_information, StorageFile, write_metadata
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos
 from lunar_rover_sim.bag.stamps import StampTable
-from lunar_rover_sim.bag.totals import REAL_TIME_FACTOR, RECORDED_COUNTS
+from lunar_rover_sim.bag.totals import REAL_TIME_FACTOR, RECORDED_COUNTS, RESUMED_NS
 from lunar_rover_sim.base.errors import BagError, one_line
 from lunar_rover_sim.base.files.atomic import sync_folder
 from lunar_rover_sim.base.files.yaml_text import yaml_of
@@ -54,6 +55,9 @@ class BagWriter:
         compression: none, or zstd for each chunk.
         distribution: Of ROS 2, for the metadata.
         max_bytes: A file of this size is ended, and the next message begins another; 0: never.
+        splits: Whether `split` will be called: files have numbers then.
+        resumed: What `state` has returned in an earlier process, whose bag this one goes on, with
+            the simulated time `time_ns` of that; what was written later is removed.
 
     Attributes:
         counts: Topic → messages written so far.
@@ -64,7 +68,8 @@ class BagWriter:
     """
 
     def __init__(self, path: Path, compression: str = 'none',
-                 distribution: str = 'jazzy', max_bytes: int = 0) -> None:
+                 distribution: str = 'jazzy', max_bytes: int = 0, splits: bool = False,
+                 resumed: Mapping[str, Any] | None = None) -> None:
         if compression not in COMPRESSIONS:
             valid = ', '.join(COMPRESSIONS)
             raise BagError(f'compression: {compression!r} is not valid; valid are {valid}')
@@ -81,9 +86,15 @@ class BagWriter:
         self._schemas: dict[str, int] = {}      # by type
         self._profiles: dict[str, Sequence[Mapping[str, object]]] = {}
         self._newest_ns = 0
+        self._definitions: dict[str, str] = {}      # of types that are not of ROS 2
+        self._resumed_ns: list[int] = []
         self._unsynced_bytes = self._synced_to = 0
         self._failure = ''
         self._writer: McapWriter | None = None
+        self._numbered = splits or max_bytes > 0
+        if resumed is not None:
+            self._go_on(resumed)
+            return
         if self.path.exists():
             raise BagError(f'{self.path}: exists already and is not overwritten; name another bag')
         try:
@@ -93,6 +104,48 @@ class BagWriter:
             self._begin_file()
         except OSError as error:
             raise BagError(f'{self.path}: cannot be made: {in_words(error)}') from None
+
+    def split(self) -> None:
+        """End the present file, which is on the disk then, and begin another; raise BagError."""
+        try:
+            self._end_file(self._open_writer(), {})
+            self._begin_file()
+        except OSError as error:
+            raise self._fail(error) from None
+
+    def state(self) -> dict[str, Any]:
+        """Return what another writer goes on from; call it after `split`."""
+        return {'files': [dataclasses.astuple(file) for file in self._files[:-1]],
+                'definitions': dict(self._definitions), 'types': dict(self._types),
+                'profiles': dict(self._profiles), 'counts': dict(self.counts),
+                'newest_ns': self._newest_ns, 'of_another_clock': set(self.of_another_clock),
+                'resumed_ns': list(self._resumed_ns)}
+
+    def _go_on(self, state: Mapping[str, Any]) -> None:
+        files = [StorageFile(*values) for values in state['files']]
+        try:
+            for file in files:
+                if not marker.has_end(self.path / file.name):
+                    raise BagError(f'{self.path / file.name}: is not the file that was recorded')
+            marker.mark(self.path)
+            self._lock = marker.lock(self.path)
+            for path in self.path.glob('*.mcap'):
+                if path.name not in [file.name for file in files]:
+                    path.unlink()
+            (self.path / marker.METADATA_NAME).unlink(missing_ok=True)
+        except OSError as error:
+            raise BagError(f'{self.path}: cannot be gone on with: {in_words(error)}') from None
+        self._files, self._newest_ns = files, state['newest_ns']
+        self._types, self.counts = dict(state['types']), dict(state['counts'])
+        self.of_another_clock = set(state['of_another_clock'])
+        self._profiles = dict(state['profiles'])
+        for msgtype, definition in state['definitions'].items():
+            self._learn(msgtype, msgtype, definition)
+        self._resumed_ns = [*state['resumed_ns'], state['time_ns']]
+        try:
+            self._begin_file()
+        except OSError as error:
+            raise BagError(f'{self.path}: cannot be gone on with: {in_words(error)}') from None
 
     @property
     def newest_ns(self) -> int:
@@ -201,7 +254,8 @@ class BagWriter:
         custom = {**({'incomplete': incomplete} if incomplete
                      else {RECORDED_COUNTS: json.dumps(self.counts)}),
                   **({} if real_time_factor is None
-                     else {REAL_TIME_FACTOR: f'{real_time_factor:.3g}'})}
+                     else {REAL_TIME_FACTOR: f'{real_time_factor:.3g}'}),
+                  **({RESUMED_NS: json.dumps(self._resumed_ns)} if self._resumed_ns else {})}
         try:
             if incomplete:
                 marker.mark(self.path, incomplete)
@@ -218,7 +272,7 @@ class BagWriter:
 
     def _begin_file(self) -> McapWriter:
         """Open the next storage file, with all topics known so far; raise OSError."""
-        number = f'_{len(self._files)}' if self._max_bytes else ''
+        number = f'_{len(self._files)}' if self._numbered else ''
         file = StorageFile(f'{self.path.name}{number}.mcap')
         self._stream: BinaryIO = (self.path / file.name).open('xb')
         self._files.append(file)
@@ -300,6 +354,7 @@ class BagWriter:
         except (TypesysError, KeyError) as error:
             raise BagError(f'{topic}: the definition of {msgtype} cannot be read: '
                            f'{in_words(error)}') from None
+        self._definitions[msgtype] = definition
         self._stamps.forget(msgtype)
 
 

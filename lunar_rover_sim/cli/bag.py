@@ -14,7 +14,7 @@ from rich.text import Text
 from lunar_rover_sim.bag.content_hash import combine, topic_hashes
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recovery import recover as recover_bag
-from lunar_rover_sim.bag.totals import recorded_factor, simulated_end_ns
+from lunar_rover_sim.bag.totals import recorded_factor, resumed_ns, simulated_end_ns
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import BagError, ConfigError
 from lunar_rover_sim.base.files.paths import check_path
@@ -26,7 +26,7 @@ from lunar_rover_sim.products.inspection import check as bag_check
 from lunar_rover_sim.products.inspection.bag_pictures import preview as draw_preview
 from lunar_rover_sim.products.inspection.replay import replay
 from lunar_rover_sim.products.inspection.report import Status
-from lunar_rover_sim.products.inspection.summary import missing_tf
+from lunar_rover_sim.products.inspection.summary import notes_on
 from lunar_rover_sim.products.sequences.export import export as write
 from lunar_rover_sim.products.sequences.export import (FORMATS, hazards_left_out, sensors_left_out,
                                                        WEBDATASET)
@@ -73,9 +73,10 @@ def info(bag: Path, as_json: bool) -> int:
             'messages': opened.message_count, 'start_s': start_s, 'end_s': end_s,
             'size_bytes': opened.size_bytes, 'files': len(opened.file_counts),
             'storage': opened.storage,
-            'real_time_factor': recorded_factor(opened), 'incomplete': opened.incomplete or None,
-            'topics': topics_found}
-        notes = missing_tf(opened)
+            'real_time_factor': recorded_factor(opened),
+            'resumed_s': [ns * 1e-9 for ns in resumed_ns(opened)],
+            'incomplete': opened.incomplete or None, 'topics': topics_found}
+        notes = notes_on(opened)
     if as_json:
         print_json(found)
         return 0

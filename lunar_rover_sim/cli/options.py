@@ -26,6 +26,7 @@ Check = Callable[[Path], None]
 PATH = click.Path(path_type=Path, readable=False)   # what cannot be read is told later
 _NUMBER = re.compile(r'-\.?\d')
 _OF_SCENARIO = 'NODE.PARAM=VALUE'
+WORDS = 'lunar_rover_sim.words'     # in the meta of a context: what follows the command
 # A quarter of the pixels.
 FAST = ('render_node.camera.width=320', 'render_node.camera.height=240')
 
@@ -35,6 +36,7 @@ class Command(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read `--seeds 1 2` as `--seeds 1 --seeds 2`."""
+        ctx.meta[WORDS] = list(args)
         several = {name: option for option in self.params if isinstance(option, _Several)
                    for name in option.opts}
         try:

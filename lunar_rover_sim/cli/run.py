@@ -23,7 +23,7 @@ from lunar_rover_sim.run.live_view import ViewProcess
 from lunar_rover_sim.run.node_config import VIEW_PORT
 from lunar_rover_sim.run.plan import (check_goals, navigated_duration_s, with_navigator,
                                       with_policy, with_route, with_slam, without_node)
-from lunar_rover_sim.run.recording import record, Recording
+from lunar_rover_sim.run.recording import record, Recording, unfinished_run
 from lunar_rover_sim.run.ros_domain import require_ros
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.run.shared_config import REAL_TIME
@@ -51,7 +51,23 @@ def _route(text: str) -> str | list[tuple[float, float]]:
     return places
 
 
+def _resume(context: click.Context, _param: click.Parameter, folder: Path | None) -> None:
+    """Go on with a run, and end the command: nothing else is valid beside it."""
+    if folder is None or context.resilient_parsing:
+        return
+    others = [word for word in context.meta[options.WORDS]
+              if word not in ('--resume', str(folder), f'--resume={folder}')]
+    if others:
+        raise click.UsageError(f'--resume: {" ".join(others)} is not valid beside it; the run '
+                               'goes on as it began')
+    chosen = unfinished_run(folder)
+    context.exit(_recorded(chosen, folder, None, resume=True))
+
+
 @options.command(scenarios=True)
+@click.option('--resume', type=options.PATH, metavar='DIR', is_eager=True, expose_value=False,
+              callback=_resume, help='go on with the run in a folder that ended early, at its '
+              'last checkpoint (physics_node.checkpoint_period_s); it takes no other option')
 @options.scenario()
 @options.new_folder('folder for bag, resolved scenario and logs')
 @click.option('--duration', type=float, metavar='S', help='simulated time [s]')
@@ -133,7 +149,13 @@ def run(scenario: str, output: Path, duration: float | None, seed: int | None, r
     if world is None:
         with Progress('building the world'):
             chosen.world_folder()
+    return _recorded(chosen, output, page, world=world, domain=domain, join=join)
 
+
+def _recorded(chosen: Scenario, output: Path, page: ViewProcess | None, *,
+              world: Path | None = None, domain: int | None = None, join: bool = False,
+              resume: bool = False) -> int:
+    """Record a run and show how it goes on; return the exit status."""
     def start(resolved: Scenario, domain: int) -> None:
         if page is not None:
             page.start(domain, (world or chosen.world_folder()).resolve())
@@ -151,7 +173,7 @@ def run(scenario: str, output: Path, duration: float | None, seed: int | None, r
         display = _Display(progress)
         try:
             recording = record(chosen, output, world=world, domain=domain, join=join,
-                               should_stop=stop_request.is_made, on_start=start,
+                               resume=resume, should_stop=stop_request.is_made, on_start=start,
                                on_progress=update, on_warning=say, on_way=display.way,
                                on_wait=display.wait)
         finally:

@@ -16,6 +16,7 @@ from std_msgs.msg import Header, String
 
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import RenderError
+from lunar_rover_sim.base.files.state_file import attributes, attributes_but, restore_attributes
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.camera.cameras import CameraEntry, Output
 from lunar_rover_sim.image.camera.compression import compressed
@@ -63,6 +64,14 @@ class Periods:
     def restart(self) -> None:
         """Forget all frames: time starts anew."""
         self._last = dict.fromkeys(self._periods_ns, 0 if self._lockstep else None)
+
+    def state(self) -> dict[str, Any]:
+        """Return the numbers of the present periods."""
+        return attributes(self, '_last')
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned, of the same periods."""
+        restore_attributes(self, state)
 
     @property
     def has_begun(self) -> bool:
@@ -149,6 +158,32 @@ class CameraPublisher:
         self._thread.shutdown(wait=True)
 
     @property
+    def is_at_rest(self) -> bool:
+        """Whether nothing is under way in the thread."""
+        return self._derived is None or self._derived.done()
+
+    def state(self) -> dict[str, Any]:
+        """Return where its mount is and what its exposure goes on from, at rest."""
+        if self.entry.mount is None:
+            return {'exposure': self._renderer.exposure, 'mount': {}}
+        return {'exposure': None if self._drawn is None else self._drawn.drawn.exposure,
+                'mount': attributes_but(self._mount, '_config', '_world')}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned, of the same camera."""
+        restore_attributes(self._mount, state['mount'])
+        if self.entry.mount is None:
+            self._renderer.exposure = state['exposure']
+        elif state['exposure'] is not None:
+            self._add()
+            assert self._drawn is not None
+            self._drawn.drawn.exposure = state['exposure']
+
+    def _add(self) -> None:
+        self._drawn = self._renderer.add_camera(
+            self.entry.config, self._mount, self.entry.noise_seed(self._config.seed))
+
+    @property
     def publishers(self) -> list[Publisher]:
         """All of them."""
         return list(self._publishers.values())
@@ -188,8 +223,8 @@ class CameraPublisher:
         if layers:
             try:
                 if self._drawn is None:
-                    self._drawn = self._renderer.add_camera(
-                        self.entry.config, self._mount, self.entry.noise_seed(self._config.seed))
+                    self._add()
+                    assert self._drawn is not None
                 frame = self._drawn.render(state, stamp_ns // self._config.frame_period_ns, layers)
             except RenderError as error:
                 raise RenderError(f'{self.entry.name}: {error}') from error

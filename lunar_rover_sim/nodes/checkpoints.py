@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _LOOK_S = 0.05
 _ROUNDS = 4         # without a message, after which a node is at rest
 _ACKNOWLEDGED_S = 1.0       # wall time that readers may take, of which some may have left
-RECORDER = 'recorder_node'
+PHYSICS, RECORDER = 'physics_node', 'recorder_node'
 
 
 def saved_state(config: NodeConfig, name: str) -> tuple[int, Any] | None:
@@ -81,7 +81,7 @@ class Barrier:
             on_done: Called when time may go on.
         """
         self._node, self._folder, self._period_ns = node, folder, period_ns
-        self._others = [name for name in nodes if name not in (node.get_name(), RECORDER)]
+        self._others = [name for name in nodes if name not in (PHYSICS, RECORDER)]
         self._recorder = [name for name in nodes if name == RECORDER]
         self._limit_s, self._on_done = limit_s, on_done
         self._done_ns = 0
@@ -102,10 +102,19 @@ class Barrier:
             self._begun = checkpoint.begin(self._folder, now_ns)
             self._since_s = time.monotonic()
 
-    def restart(self, done_ns: int = 0, clear: bool = True) -> None:
-        """Go on from a time; `clear`: those before are of another time and count no more."""
-        self._done_ns, self._begun = done_ns, None
-        if clear and self._period_ns:
+    @property
+    def is_under_way(self) -> bool:
+        """Whether nodes are about to write."""
+        return self._begun is not None
+
+    def resume(self, time_ns: int) -> None:
+        """Go on at a checkpoint [ns]."""
+        self._done_ns = time_ns
+
+    def restart(self) -> None:
+        """Begin at time 0 again: the checkpoints so far are of another time."""
+        self._done_ns, self._begun = 0, None
+        if self._period_ns:
             checkpoint.clear(self._folder)
 
     def _look(self) -> None:
@@ -114,7 +123,7 @@ class Barrier:
             return
         missing = begun.missing(self._others)
         if not missing:
-            own = begun.part(self._node.get_name())
+            own = begun.part(PHYSICS)
             if not own.exists():
                 save_state(own, self._node.state())
             missing = begun.missing(self._recorder)

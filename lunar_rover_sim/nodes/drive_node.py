@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -11,6 +13,7 @@ from lunar_rover_sim.autonomy.path_following.driver import Driver, STOPPED
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.base import frames, topics
+from lunar_rover_sim.base.files.state_file import attributes, restore_attributes
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.ground.world.world_folder import load_world
@@ -18,6 +21,7 @@ from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
+from lunar_rover_sim.run.checkpoint import Checkpoint
 from lunar_rover_sim.run.node_config import DriveNodeConfig
 
 
@@ -46,6 +50,20 @@ class DriveNode(node_main.GraphNode):
         self.create_subscription(Odometry, config.truth.name, self._odom_callback,
                                  qos.requested(topics.ODOM, config.lockstep), raw=True)
         self.report_ready(config, waits=(config.truth.name,))
+
+    def is_at_rest(self, begun: Checkpoint) -> bool:
+        """See `GraphNode`."""
+        return not self._held and self._last_period >= begun.time_ns // self._period_ns
+
+    def state(self) -> dict[str, Any]:
+        """See `GraphNode`."""
+        return {'driver': self._driver.state(), **attributes(self, '_last_period', '_status')}
+
+    def resume(self, time_ns: int, state: Any) -> None:
+        """See `GraphNode`."""
+        self._driver.resume(state.pop('driver'))
+        restore_attributes(self, state)
+        self._jump.resume(time_ns)
 
     # Raw: one message in ten is used, and deserialising odometry takes 50 us.
     def _odom_callback(self, raw: bytes) -> None:

@@ -35,6 +35,15 @@ class GaitControllerNode(LegControllerNode):
         """Let parameters of the gait change."""
         on_change(self, self._own, self._gait.configure)
 
+    def state(self) -> dict[str, Any]:
+        """See `GraphNode`."""
+        return {'gait': self._gait.state()}
+
+    def resume(self, time_ns: int, state: Any) -> None:
+        """See `GraphNode`."""
+        super().resume(time_ns, state)
+        self._gait.resume(state['gait'])
+
     def command_for(self, state: JointState) -> LegCommand:
         """Return the command for a state."""
         return self._gait.update(

@@ -107,6 +107,16 @@ class WindowListener:
             self._follower.look_ahead(x_m, y_m)
         return self._follower.next
 
+    @property
+    def middle_m(self) -> tuple[float, float]:
+        """Middle of the present window [m]."""
+        return self._middle_m
+
+    def go_to(self, middle_m: tuple[float, float]) -> World:
+        """Return a window, which is the present one from now on; raise WorldError."""
+        self._middle_m = middle_m
+        return self._follower.go_to(middle_m)
+
     def close(self) -> None:
         """End the thread."""
         self._pool.shutdown(cancel_futures=True)

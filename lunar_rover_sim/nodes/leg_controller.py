@@ -24,6 +24,7 @@ from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.rover.description import load_rover, RoverDescription
 from lunar_rover_sim.rover.gait.controller import LegCommand, MAX_COMMAND
+from lunar_rover_sim.run.checkpoint import Checkpoint
 from lunar_rover_sim.run.node_config import GaitNodeConfig, PolicyNodeConfig
 
 VELOCITIES = name_of(Twist), name_of(TwistStamped)
@@ -173,6 +174,16 @@ class LegControllerNode(node_main.GraphNode, abc.ABC):
                               f'; valid is -{MAX_COMMAND:g} to {MAX_COMMAND:g}')
         for report in self._controller.take_reports():
             self.get_logger().warning(report)
+
+    def is_at_rest(self, begun: Checkpoint) -> bool:
+        """See `GraphNode`."""
+        return not (self.states or self._velocities) and self._now_ns >= begun.time_ns
+
+    def resume(self, time_ns: int, state: Any) -> None:
+        """See `GraphNode`."""
+        self._now_ns = time_ns
+        self._jump.resume(time_ns)
+        self._listener.resume(time_ns)
 
     def work(self) -> None:
         """Answer the states that were held until all readers were matched."""

@@ -21,6 +21,7 @@ from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import GraphError
+from lunar_rover_sim.base.files.state_file import attributes, restore_attributes
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.image.lidar.lidar import Lidar
 from lunar_rover_sim.image.lidar.motion import ScanMotion
@@ -35,6 +36,7 @@ from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.rover.description import load_rover
+from lunar_rover_sim.run.checkpoint import Checkpoint
 from lunar_rover_sim.run.node_config import LidarNodeConfig
 
 
@@ -141,6 +143,26 @@ class LidarNode(node_main.GraphNode):
         self._angles[stamp] = angles
         if self._next is not None and stamp >= (self._next + 1) * self._config.period_ns:
             self.wake()
+
+    # Checkpoints
+
+    def is_at_rest(self, begun: Checkpoint) -> bool:
+        """See `GraphNode`."""
+        return not self._is_due() and (
+            not self._of_rover or bool(self._states) and self._states[-1][0] >= begun.time_ns)
+
+    def state(self) -> dict[str, Any]:
+        """See `GraphNode`; the ground comes with the first snapshot."""
+        return {'middle_m': self._windows.middle_m,
+                **attributes(self, '_states', '_angles', '_next')}
+
+    def resume(self, time_ns: int, state: Any) -> None:
+        """See `GraphNode`."""
+        middle_m = state.pop('middle_m')
+        if middle_m != self._windows.middle_m:
+            self._lidar.enter(self._windows.go_to(middle_m))
+        restore_attributes(self, state)
+        self._jump.resume(time_ns)
 
     # Output
 

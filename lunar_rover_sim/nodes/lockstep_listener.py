@@ -19,7 +19,7 @@ from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.diagnostics import Drops
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import GraphNode
-from lunar_rover_sim.run.lockstep import machine_slowness, StampGate, STARTED_NS
+from lunar_rover_sim.run.lockstep import machine_slowness, StampGate
 from lunar_rover_sim.run.node_state import (ANSWERS, is_supervised, NodeState, PUBLISHERS, tell,
                                             WAITING)
 from lunar_rover_sim.run.shared_config import WaitConfig
@@ -82,6 +82,11 @@ class LockstepListener:
         # A timer: rclpy reports new publishers only to a subscription, whose type must be known.
         self._timer = node.create_timer(_DISCOVERY_S, self._discover)
 
+    def resume(self, time_ns: int) -> None:
+        """Begin at a time [ns], up to which all have answered."""
+        self.gate.restart(time_ns)
+        self.note_progress()
+
     def restart(self) -> None:
         """Begin again: time has gone back to zero.
 
@@ -122,7 +127,7 @@ class LockstepListener:
         # A node that answers with wrong stamps has started, too.
         started = all(self.gate.has_answered(topic) or topic in self._refused
                       for topic in missing)
-        if now_ns <= STARTED_NS and not self._relays.isdisjoint(missing):
+        if self.gate.is_starting(now_ns) and not self._relays.isdisjoint(missing):
             started = False
         limit_s = self._wait.silence_s if started else self._start_limit_s()
         self._check(limit_s, now_ns, missing, ANSWERS, is_late=started)

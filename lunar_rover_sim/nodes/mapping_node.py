@@ -15,6 +15,7 @@ from lunar_rover_sim.autonomy.navigation.traversability import (Limits, traversa
                                                                 Traversability)
 from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.base import topics
+from lunar_rover_sim.base.files.state_file import attributes, restore_attributes
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.nodes import conversions, map_conversions, node_main, qos
@@ -23,6 +24,7 @@ from lunar_rover_sim.nodes.pose_source import PoseSource
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.rover.mounts import lidar_pose
+from lunar_rover_sim.run.checkpoint import Checkpoint
 from lunar_rover_sim.run.node_config import DEPTH_TOPICS, LIDAR, MappingNodeConfig, STEREO
 
 
@@ -67,6 +69,21 @@ class MappingNode(node_main.GraphNode):
         self._pending.clear()
         self._map.clear()
         self._newest, self._sent_period, self._is_blind = None, -1, False
+
+    def is_at_rest(self, begun: Checkpoint) -> bool:
+        """See `GraphNode`."""
+        return not self._pending and self._poses.is_at_rest(begun.time_ns)
+
+    def state(self) -> dict[str, Any]:
+        """See `GraphNode`."""
+        return {'map': self._map.state(), 'poses': self._poses.state(),
+                **attributes(self, '_newest', '_sent_period', '_is_blind')}
+
+    def resume(self, time_ns: int, state: Any) -> None:
+        """See `GraphNode`."""
+        self._map.resume(state.pop('map'))
+        self._poses.resume(time_ns, state.pop('poses'))
+        restore_attributes(self, state)
 
     def _depth_callback(self, msg: Any) -> None:
         if not self._config.lockstep:

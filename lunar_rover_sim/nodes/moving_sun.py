@@ -50,6 +50,11 @@ class MovingSun:
         if self._step(stamp_ns) != self._announced:
             self._publish(self._path.step(stamp_ns))
 
+    def resume(self, time_ns: int) -> None:
+        """Go on at a time [ns], with the light that the frames before it had."""
+        self.announce(time_ns)
+        self.light(time_ns)
+
     def is_due(self, stamp_ns: int) -> bool:
         """Return whether `light` will move the sun; no frame may be under way then."""
         if self._coming is not None and self._coming.done():

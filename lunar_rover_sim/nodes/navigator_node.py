@@ -24,6 +24,7 @@ from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.errors import NavigationError
+from lunar_rover_sim.base.files.state_file import attributes, restore_attributes
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.world.moon_place import reported_site
@@ -38,10 +39,13 @@ from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.pose_source import PoseSource
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.rover.description import load_rover
+from lunar_rover_sim.run.checkpoint import Checkpoint
 from lunar_rover_sim.run.node_config import NavigatorNodeConfig
 from lunar_rover_sim.run.node_state import NodeState, ON_THE_WAY, tell
 
 _KEPT_MAPS = 50
+_KEPT = ('_last_period', '_maps', '_status', '_plan', '_goals', '_far_points', '_place',
+         '_driven_m', '_told_s', '_is_done')
 _WAY_STEP_M = 0.1       # a walking body sways: shorter moves are no way
 
 
@@ -123,6 +127,24 @@ class NavigatorNode(node_main.GraphNode):
         margin = 0.0 if world is None else Site.of(world).hole_margin_m
         return GroundCosts.of(maps, config.far, (sun.azimuth_deg, sun.elevation_deg)
                               if sun.shines and sun.elevation_deg > 0.0 else None, margin)
+
+    # Checkpoints
+
+    def is_at_rest(self, begun: Checkpoint) -> bool:
+        """See `GraphNode`."""
+        return (not self._due and self._poses.is_at_rest(begun.time_ns)
+                and self._last_period >= begun.time_ns // self._period_ns)
+
+    def state(self) -> dict[str, Any]:
+        """See `GraphNode`."""
+        return {'navigator': self._navigator.state(), 'poses': self._poses.state(),
+                **attributes(self, *_KEPT)}
+
+    def resume(self, time_ns: int, state: Any) -> None:
+        """See `GraphNode`."""
+        self._navigator.resume(state.pop('navigator'))
+        self._poses.resume(time_ns, state.pop('poses'))
+        restore_attributes(self, state)
 
     # Input
 

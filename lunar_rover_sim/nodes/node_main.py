@@ -27,7 +27,9 @@ from lunar_rover_sim import __version__
 from lunar_rover_sim.base.compilation import COMPILATION
 from lunar_rover_sim.base.errors import ConfigError, LunarRoverSimError
 from lunar_rover_sim.nodes import qos
+from lunar_rover_sim.nodes.checkpoints import saved_state, StateWriter
 from lunar_rover_sim.nodes.message_types import name_of
+from lunar_rover_sim.run.checkpoint import Checkpoint
 from lunar_rover_sim.run.node_state import COMPILED, COMPILING, fail, NodeState, READY, tell
 from lunar_rover_sim.run.params_files import arguments_of_program
 from lunar_rover_sim.run.shared_config import NodeConfig
@@ -44,10 +46,15 @@ class GraphNode(Node):
         warnings: What is refused or goes wrong often, with its count.
         failure: The error of this package that a callback raised. `run` prints it as one line; the
             executor would log a traceback.
+        received: Messages so far.
+        writes_state: Whether it writes its state at checkpoints by itself.
     """
+
+    writes_state = True
 
     def __init__(self, name: str) -> None:
         self.finished = False
+        self.received = 0
         self.failure: LunarRoverSimError | None = None
         self._woken = Future()
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -70,6 +77,12 @@ class GraphNode(Node):
                  f'seed {config.seed}', config.time_mode,
                  f'waits for {", ".join(waits)}' if waits else 'waits for nobody']
         self.get_logger().info('ready: ' + ', '.join(parts))
+        saved = saved_state(config, self.get_name())
+        if saved is not None:
+            self.resume(*saved)
+            self.get_logger().info(f'goes on at {saved[0] / 1e9:.3f} s')
+        if config.checkpoints and self.writes_state:
+            StateWriter(self, Path(config.checkpoints))
         tell(NodeState(READY))
         for doubt in doubts:
             self.get_logger().warning(doubt)
@@ -99,6 +112,19 @@ class GraphNode(Node):
     def work(self) -> None:
         """Do what takes too long for a callback. Called after `wake`, and every 0.1 s or so."""
 
+    # Checkpoints
+
+    def is_at_rest(self, begun: Checkpoint) -> bool:
+        """Return whether it has done all that messages up to a checkpoint ask for."""
+        return True
+
+    def state(self) -> dict[str, Any]:
+        """Return all that the node goes on from, as `base.files.state_file` writes it."""
+        return {}
+
+    def resume(self, time_ns: int, state: Any) -> None:
+        """Go on at a simulated time [ns] from what `state` has returned; nothing is sent yet."""
+
     def create_publisher(self, *args: Any, **kwargs: Any) -> Any:
         """Create a publisher whose QoS the parameters `qos_overrides` may change."""
         if self._has_parameters:    # rclpy's own publishers are made before
@@ -113,7 +139,13 @@ class GraphNode(Node):
         """
         if self._has_parameters:
             kwargs.setdefault('qos_overriding_options', qos.OPTIONS)
-        return super().create_subscription(msg_type, topic, self.guarded(callback), *args,
+
+        @functools.wraps(callback)
+        def counted(*received: Any) -> None:
+            self.received += 1
+            callback(*received)
+
+        return super().create_subscription(msg_type, topic, self.guarded(counted), *args,
                                            **kwargs)
 
     def create_timer(self, timer_period_sec: float, callback: Callable[..., None],
@@ -340,6 +372,10 @@ class TimeJump:
     def __init__(self, node: Node) -> None:
         self._logger = node.get_logger()
         self._newest_ns = 0
+
+    def resume(self, time_ns: int) -> None:
+        """Go on at a time [ns]."""
+        self._newest_ns = time_ns
 
     def has_occurred(self, stamp_ns: int) -> bool:
         """Return whether `stamp_ns` [ns] lies before the newest stamp of earlier calls."""

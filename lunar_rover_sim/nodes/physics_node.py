@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 import time
+from typing import Any
 
 from geometry_msgs.msg import PointStamped
 import numpy as np
@@ -19,6 +21,7 @@ from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.moon_place import reported_site
 from lunar_rover_sim.image.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
+from lunar_rover_sim.nodes.checkpoints import Barrier
 from lunar_rover_sim.nodes.ground_listener import load_own_world, log_window
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.pacing import Stepping, WallPace
@@ -43,6 +46,8 @@ _MAX_STATES_PER_CALLBACK = 20
 
 class PhysicsNode(node_main.GraphNode):
     """Steps the simulation, in lockstep with those it waits for or by the wall clock."""
+
+    writes_state = False        # the barrier does
 
     def __init__(self) -> None:
         super().__init__('physics_node')
@@ -88,6 +93,10 @@ class PhysicsNode(node_main.GraphNode):
         if config.end_when_navigated:
             self.create_subscription(Header, topics.NAVIGATED.name, self._navigated_callback,
                                      qos.requested(topics.NAVIGATED, config.lockstep))
+        self._barrier = Barrier(
+            self, Path(config.checkpoints), round(config.checkpoint_period_s * 1e9)
+            if config.checkpoints and config.lockstep else 0, config.checkpoint_nodes,
+            config.wait.silence_s, self._go_on)
         self._stepping = Stepping(self.wake_later)
         self._step_service = simulation_services.offer(self, self, rover, config.world)
         self.create_service(Trigger, '~/reset', self._reset_callback)
@@ -179,11 +188,14 @@ class PhysicsNode(node_main.GraphNode):
             return
         for _ in range(_MAX_STATES_PER_CALLBACK):
             if (self._stands_still or not self._listener.gate.is_open(self._now_ns)
-                    or self._at_end()):
+                    or self._at_end() or self._barrier.holds(self._now_ns)):
                 break
             self._advance()
         else:
             self.wake()
+        if (self._barrier.holds(self._now_ns) and not self._at_end()
+                and not self._listener.gate.behind(self._now_ns)):
+            self._barrier.begin(self._now_ns)
         if self._at_end() and not self._listener.gate.behind(self._now_ns):
             self._finish()
 
@@ -238,12 +250,37 @@ class PhysicsNode(node_main.GraphNode):
         return self._paused and not self._stepping.pending
 
     def _watch(self) -> None:
-        if self._stands_still:
+        if self._stands_still or self._barrier.is_under_way:
             self._listener.note_progress()
         elif not self._is_matched():
             self._listener.check_publishers()
         elif self._config.lockstep:
             self._listener.check_silence(self._now_ns)
+
+    # Checkpoints
+
+    def _go_on(self) -> None:
+        self._listener.note_progress()
+        self.wake()
+
+    def state(self) -> dict[str, Any]:
+        """See `GraphNode`."""
+        return {'simulation': self._simulation.checkpoint(), 'imu': self._publisher.state(),
+                'sensors': self._requested.state(), 'end_ns': self._end_ns}
+
+    def resume(self, time_ns: int, state: Any) -> None:
+        """See `GraphNode`."""
+        self._simulation.resume(state['simulation'])
+        self._publisher.resume(state['imu'])
+        self._requested.resume(state['sensors'])
+        self._now_ns, self._end_ns = time_ns, state['end_ns']
+        self._listener.resume(time_ns)
+        self._barrier.resume(time_ns)
+        self._pace.restart(time_ns)
+        self._window = self._simulation.world
+        self._publish_window(time_ns)
+        if self._ground is not None:
+            self._ground.restart(time_ns)
 
     # Commands
 
@@ -305,6 +342,7 @@ class PhysicsNode(node_main.GraphNode):
             self._ground.restart()
         self._pace.restart(self._now_ns)
         self._listener.restart()
+        self._barrier.restart()
         self.wake()
 
     def quit(self) -> None:
@@ -346,6 +384,7 @@ class PhysicsNode(node_main.GraphNode):
 
     def _step_callback(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = (self._paused and self._is_matched()
+                            and not self._barrier.holds(self._now_ns)
                             and self._listener.gate.is_open(self._now_ns))
         if response.success:
             self._advance()

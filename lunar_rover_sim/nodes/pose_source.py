@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import math
 from typing import Any
 
@@ -20,6 +20,7 @@ from lunar_rover_sim.bag.messages import header_ns, xyz
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.errors import GraphError
+from lunar_rover_sim.base.files.state_file import attributes, restore_attributes
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.judge.slam.protocol import STATES, TRACKING
 from lunar_rover_sim.nodes import conversions, qos
@@ -105,6 +106,22 @@ class PoseSource:
         """
         found = next((T for ns, T in reversed(self._rolled) if ns <= up_to_ns), None)
         return None if found is None else float(frames.tilt_deg(found[:3, :3]))
+
+    def is_at_rest(self, time_ns: int) -> bool:
+        """Return whether nothing that has come up to a time [ns] waits for something else."""
+        if self._kind == TRUTH:
+            return self.answered_ns >= time_ns
+        return not (self._wheels or self._tracked or self._statuses)
+
+    def state(self) -> dict[str, Any]:
+        """Return all that it goes on from, at rest."""
+        return attributes(self, '_truth', '_poses', '_rolled', '_told_ns', '_imu_ns', '_levelled',
+                          '_anchored', 'answered_ns', '_rolls')
+
+    def resume(self, time_ns: int, state: Mapping[str, Any]) -> None:
+        """Go on at a time [ns] from what `state` has returned."""
+        restore_attributes(self, state)
+        self._jump.resume(time_ns)
 
     def _truth_callback(self, raw: bytes) -> None:
         stamp = stamp_ns(topics.ODOM.type, raw)

@@ -11,19 +11,23 @@ from rclpy.publisher import Publisher
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Header, String
 
+from lunar_rover_sim.bag import stamps
 from lunar_rover_sim.bag.marker import why_short
 from lunar_rover_sim.bag.recorded_scenario import scenario_of_text
 from lunar_rover_sim.bag.totals import is_at_wall_time, RecordingPace
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError, GraphError
+from lunar_rover_sim.base.files.state_file import attributes
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.nodes import conversions, node_main, qos
+from lunar_rover_sim.nodes.checkpoints import PHYSICS, saved_state
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
 from lunar_rover_sim.nodes.message_types import definition_of, message_class
 from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import UNKNOWN_NAME
+from lunar_rover_sim.run.checkpoint import Checkpoint
 from lunar_rover_sim.run.lockstep import WrittenStamps
 from lunar_rover_sim.run.node_config import ALL, RecorderNodeConfig
 from lunar_rover_sim.run.publication import is_recorded
@@ -73,9 +77,14 @@ class RecorderNode(node_main.GraphNode):
         self._warned: set[str] = set()
         self._velocities: dict[str, str] = {}   # topic → type
 
-        self._writer = BagWriter(Path(config.output), config.compression,
-                                 os.environ.get('ROS_DISTRO') or 'jazzy',
-                                 config.max_bag_size_mb * 1_000_000)
+        saved = saved_state(config, self.get_name())
+        self._writer = BagWriter(
+            Path(config.output), config.compression, os.environ.get('ROS_DISTRO') or 'jazzy',
+            config.max_bag_size_mb * 1_000_000, bool(config.checkpoints),
+            None if saved is None else {**saved[1]['bag'], 'time_ns': saved[0]})
+        # Of a run that goes on: since when, and latched messages that nodes send once more.
+        self._resumed_ns, self._repeated = 0, dict[str, int]()
+        self._known = {name for name, count in self._writer.counts.items() if count}
         self._duration_s = 0.0      # of the run, if there is one; and its process
         self._runner: int | None = None
         if config.scenario_file:
@@ -97,6 +106,34 @@ class RecorderNode(node_main.GraphNode):
         self.create_timer(_DISCOVERY_S, self._discover)
         Diagnostics(self, {'Message rate': self._rate_status, 'Drops': self._drops.status})
         self.report_ready(config, waits=config.topics)
+
+    def is_at_rest(self, begun: Checkpoint) -> bool:
+        """See `GraphNode`: all others have written, and their readers have what they sent."""
+        return begun.part(PHYSICS).exists()
+
+    def state(self) -> dict[str, Any]:
+        """See `GraphNode`; the present file of the bag ends here."""
+        self._writer.split()
+        return {'bag': self._writer.state(), **attributes(self, '_velocities', '_duration_s')}
+
+    def resume(self, time_ns: int, state: Any) -> None:
+        """See `GraphNode`."""
+        self._resumed_ns = self._newest_ns = self._clock_ns = self._sent_ns = time_ns
+        self._written.restart(time_ns)
+        self._jump.resume(time_ns)
+        self._velocities, self._duration_s = state['_velocities'], state['_duration_s']
+
+    def _is_repeated(self, name: str, type_name: str, raw: bytes) -> bool:
+        """Return whether the bag holds a latched message already, from before it went on."""
+        if not self._resumed_ns or name not in self._known:
+            return False
+        stamp = stamps.stamp_ns(type_name, raw)
+        if stamp:
+            return stamp <= self._resumed_ns
+        # Each of its publishers sends one when it starts.
+        left = self._repeated.setdefault(name, self.count_publishers(name))
+        self._repeated[name] = left - 1
+        return left > 0
 
     def close(self) -> None:
         """Finish the bag, which holds every message received.
@@ -221,6 +258,8 @@ class RecorderNode(node_main.GraphNode):
 
         def callback(raw: bytes) -> None:
             # A message without a stamp gets the newest time, a latched one the start.
+            if latched and self._is_repeated(name, type_name, raw):
+                return
             self._rate.tick()
             self._lately[name] = self._lately.get(name, 0) + 1
             has_time = self._clock_ns or self._clock_name in self._needed

@@ -34,6 +34,7 @@ from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.state_publisher import publish_frames
 from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.run.checkpoint import Checkpoint
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 
 # A state between two periods that stays alone for so long is drawn all the same [wall time].
@@ -166,6 +167,38 @@ class RenderNode(node_main.GraphNode):
         self._config = config
         if rates != before_rates:
             self._begin_periods(config)
+
+    # Checkpoints
+
+    def is_at_rest(self, begun: Checkpoint) -> bool:
+        """See `GraphNode`."""
+        newest_ns = 0 if self._newest is None else self._newest.stamp_ns
+        return (not (self._poses or self._begun)
+                and newest_ns + self._config.frame_period_ns > begun.time_ns
+                and all(camera.is_at_rest for camera in self._cameras))
+
+    def state(self) -> dict[str, Any]:
+        """See `GraphNode`; the ground comes with the first snapshot."""
+        return {'arrived': self._arrived.state(), 'due': self._due.state(),
+                'cameras': [camera.state() for camera in self._cameras],
+                'middle_m': self._windows.middle_m, 'numbers': self._renderer.numbers,
+                'last': self._last_with_depth}
+
+    def resume(self, time_ns: int, state: Any) -> None:
+        """See `GraphNode`."""
+        self._arrived.resume(state['arrived'])
+        self._due.resume(state['due'])
+        self._last_with_depth = state['last']
+        self._jump.resume(time_ns)
+        self._renderer.numbers = state['numbers']
+        if state['middle_m'] != self._windows.middle_m:
+            world = self._windows.go_to(state['middle_m'])
+            self._renderer.enter(world)
+            for camera in self._cameras:
+                camera.enter(world)
+        self._sun.resume(time_ns)
+        for camera, kept in zip(self._cameras, state['cameras']):
+            camera.resume(kept)
 
     # Input
 

@@ -67,6 +67,14 @@ class StatePublisher:
         """Begin again with the noise of a new start."""
         self._imu = imu
 
+    def state(self) -> dict[str, Any]:
+        """Return what the noise goes on from."""
+        return self._imu.state()
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        self._imu.resume(state)
+
     @property
     def publishers(self) -> list[Any]:
         """Those of the messages that every state has."""
@@ -161,9 +169,9 @@ class GroundPublisher:
         if now_ns % self._period_ns == 0:
             self._send(self.changes, self._overlay.take_changes())
 
-    def restart(self) -> None:
-        """Begin again at time 0, with the ground at the start."""
-        self._now_ns = 0
+    def restart(self, now_ns: int = 0) -> None:
+        """Begin again at a time [ns], with the ground as it is now."""
+        self._now_ns = now_ns
         self._send(self._snapshot, self._overlay.snapshot())
 
     def _on_match(self, event: object) -> None:
@@ -223,6 +231,15 @@ class RequestedSensors:
             for topic, publisher in read:
                 if topic.name in measured:
                     publisher.publish(_message(topic, measured[topic.name], stamp_ns))
+
+    def state(self) -> dict[str, Any]:
+        """Return what the sensors go on from, by their names."""
+        return {sensor.name: sensor.state() for sensor, _ in self._sensors}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        for sensor, _ in self._sensors:
+            sensor.resume(state[sensor.name])
 
     def restart(self) -> None:
         """The rover stands at its start again."""

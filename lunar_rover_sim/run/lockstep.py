@@ -38,11 +38,12 @@ class StampGate:
 
     def __init__(self, lag_ns_by_topic: Mapping[str, int]) -> None:
         self._lag_ns = dict(lag_ns_by_topic)
-        self._stamp_ns = dict.fromkeys(self._lag_ns, 0)
+        self.restart()
 
-    def restart(self) -> None:
-        """Begin again: time has gone back to zero."""
-        self._stamp_ns = dict.fromkeys(self._lag_ns, 0)
+    def restart(self, start_ns: int = 0) -> None:
+        """Begin again at a time [ns], up to which all have answered."""
+        self._start_ns = start_ns
+        self._stamp_ns = dict.fromkeys(self._lag_ns, start_ns)
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -54,8 +55,12 @@ class StampGate:
         self._stamp_ns[topic] = max(self._stamp_ns[topic], stamp_ns)
 
     def has_answered(self, topic: str) -> bool:
-        """Return whether `topic` has answered any stamp after 0."""
-        return self._stamp_ns[topic] > 0
+        """Return whether `topic` has answered any stamp after the start."""
+        return self._stamp_ns[topic] > self._start_ns
+
+    def is_starting(self, now_ns: int) -> bool:
+        """Return whether others may still begin at a time [ns]."""
+        return now_ns <= self._start_ns + STARTED_NS
 
     def is_open(self, now_ns: int) -> bool:
         """Return whether time may advance from `now_ns`."""
@@ -91,10 +96,10 @@ class WrittenStamps:
         self._stamp_ns = dict.fromkeys(period_ns_by_topic, 0)
         self._up_to_ns = 0
 
-    def restart(self) -> None:
-        """Begin again: time has gone back to zero."""
-        self._stamp_ns = dict.fromkeys(self._stamp_ns, 0)
-        self._up_to_ns = 0
+    def restart(self, start_ns: int = 0) -> None:
+        """Begin again at a time [ns], up to which everything is written."""
+        self._stamp_ns = dict.fromkeys(self._stamp_ns, start_ns)
+        self._up_to_ns = start_ns
 
     @property
     def up_to_ns(self) -> int:

@@ -74,6 +74,7 @@ class NodeProcesses:
                    *plan.ros_arguments(self._folder / SCENARIO_FILE)]
         states = self._states[plan.name] = StateReader()
         environment = {**environment, node_state.VARIABLE: str(states.writer)}
+        _keep(self.log(plan.name))
         with self.log(plan.name).open('wb') as log:
             # A session of its own: Ctrl-C reaches the caller only, which stops the nodes in order.
             # Signals wait until the node handles them: Python prints a traceback while it starts.
@@ -294,6 +295,13 @@ def _has_ended(process: psutil.Popen, limit_s: float) -> bool:
             return False
         time.sleep(_POLL_S)
     return True
+
+
+def _keep(log: Path) -> None:
+    """Let a log of an earlier process, before a run went on, be NODE.1.log, NODE.2.log ...."""
+    if log.exists():
+        number = len(list(log.parent.glob(f'{log.stem}.*.log'))) + 1
+        log.rename(log.with_name(f'{log.stem}.{number}.log'))
 
 
 def _is_suspended(process: psutil.Popen) -> bool:

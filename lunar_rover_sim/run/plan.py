@@ -24,6 +24,7 @@ from lunar_rover_sim.base.parameters import replaced
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.rover.description import save_rover
 from lunar_rover_sim.rover.gait.calibration import packaged_calibration
+from lunar_rover_sim.run.checkpoint import Checkpoint, CHECKPOINT_FOLDER
 from lunar_rover_sim.run.child_process import executable, program_words
 from lunar_rover_sim.run.node_config import (DEPTH_TOPICS, FOLLOWS, FRAME_TOPICS, LEG_CONTROLLERS,
                                              LIDAR, LIDAR_TOPICS, NODE_CONFIGS)
@@ -40,6 +41,10 @@ LOG_FOLDER = 'logs'
 # The order in which nodes are stopped: the recorder last, since it records the others.
 STOP_ORDER = ('drive_node', 'physics_node', *LEG_CONTROLLERS, 'render_node', 'lidar_node',
               'slam_node', 'mapping_node', 'navigator_node', 'recorder_node')
+
+# Those that write their states at checkpoints.
+RESUMED_NODES = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node',
+                 'lidar_node', 'mapping_node', 'navigator_node', 'recorder_node')
 
 _WAYPOINT_STEP_M = 1.5      # between the waypoints that the navigator gets of a route
 _WAY_TIMES = 3.0            # the time that a way may take, over that of the straight one
@@ -80,7 +85,7 @@ def resolve(scenario: Scenario) -> Scenario:
     The duration is rounded up to whole camera frames, and to whole scans of a LiDAR. In lockstep
     physics waits for the gait controller, the renderer (at most one frame behind), the LiDAR where
     its scans are recorded, and the recorder; the gait controller waits for drive_node, unless that
-    publishes Twist, which has no stamp.
+    publishes Twist, which has no stamp. There are no checkpoints at which it could not go on.
 
     Raises:
         ConfigError: If the scenario says where the bag is.
@@ -91,7 +96,36 @@ def resolve(scenario: Scenario) -> Scenario:
             raise ConfigError(f'recorder_node.{name}: {value!r} is not valid in a run, which '
                               'places the bag itself; leave it out')
     scenario = replaced(scenario, _following(scenario))
-    return replaced(scenario, _awaited(scenario)) if scenario.shared.lockstep else scenario
+    if scenario.shared.lockstep:
+        scenario = replaced(scenario, _awaited(scenario))
+    if why_no_checkpoints(scenario):
+        scenario = replaced(scenario, {'physics_node.checkpoint_period_s': 0.0})
+    return scenario
+
+
+def why_no_checkpoints(scenario: Scenario) -> str:
+    """Return why a resolved scenario could not go on at a checkpoint; '' where it can."""
+    others = [name for name in scenario.run.nodes if name not in RESUMED_NODES]
+    if not scenario.shared.lockstep:
+        return 'in time_mode real_time'
+    if others:
+        return f'with {", ".join(others)}, whose state is not kept'
+    if scenario.run.may_fail:
+        return f'with run.may_fail: {", ".join(scenario.run.may_fail)}'
+    if awaits_others(scenario):
+        return 'where time waits for programs that the run does not start'
+    return ''
+
+
+def _checkpoint_period_s(scenario: Scenario, step_ns: int) -> float:
+    """Return the period, rounded up to where all that has a period is due [s]."""
+    render, nodes = scenario.render_node, scenario.run.nodes
+    step_ns = math.lcm(step_ns, scenario.physics_node.ground_period_ns, *(
+        output.period_ns for camera in render.cameras for output in camera.outputs),
+        *(NS_PER_S // getattr(scenario, name).rate_hz
+          for name in ('drive_node', 'navigator_node') if name in nodes))
+    period_ns = round(scenario.physics_node.checkpoint_period_s * 1e9)
+    return -(-period_ns // step_ns) * step_ns / 1e9
 
 
 def _following(scenario: Scenario) -> dict[str, Any]:
@@ -109,6 +143,7 @@ def _following(scenario: Scenario) -> dict[str, Any]:
     values = {name: attrgetter(other)(scenario) for name, other in FOLLOWS.items()}
     values |= {
         'run.duration_s': duration_s, 'physics_node.duration_s': duration_s,
+        'physics_node.checkpoint_period_s': _checkpoint_period_s(scenario, step_ns),
         # In real time nothing is awaited, but time starts only when these have publishers.
         'physics_node.wait': _extended(physics.wait,
                                        _answers(scenario, render.frame_period_ns / 1e9)),
@@ -394,8 +429,11 @@ def awaits_others(scenario: Scenario) -> bool:
     """Return whether time waits for programs that a resolved scenario does not start."""
     of_run = {topic.name for topic in topics.of_legs(topics.CONTRACT, scenario.rover.legs.names)
               if topic.node in scenario.run.nodes}
+    # The contract names one of those that publish these.
     if 'policy_node' in scenario.run.nodes:
         of_run.add(topics.JOINT_COMMANDS.name)
+    if 'navigator_node' in scenario.run.nodes:
+        of_run.add(topics.CMD_VEL.name)
     return not of_run.issuperset((*scenario.physics_node.wait.topics,
                                   *_controller_waits(scenario)))
 
@@ -410,8 +448,12 @@ def _participants(scenario: Scenario) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*scenario.shared.participants, *awaited]))
 
 
-def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:
+def prepare(scenario: Scenario, folder: Path, world: Path,
+            resumed: Checkpoint | None = None) -> list[NodePlan]:
     """Write the resolved scenario and the rover to the run's folder; return the nodes' plans.
+
+    Args:
+        resumed: The checkpoint at which the run in the folder goes on; all is there then.
 
     Raises:
         ConfigError: Where the folder exists or cannot be written: nothing is ever overwritten.
@@ -419,11 +461,12 @@ def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:
     if not scenario.run.nodes:
         raise ConfigError(f'run.nodes: [] is not valid; valid are some of '
                           f'{", ".join(NODE_CONFIGS)}')
-    make_new_folder(folder, 'folder')
-    atomic_write(folder / SCENARIO_FILE, scenario.to_yaml(), ConfigError)
-    save_rover(scenario.rover, folder / ROVER_FILE)
-    # Tools that read the bag later find its world here.
-    (folder / WORLD_LINK).symlink_to(world)
+    if resumed is None:
+        make_new_folder(folder, 'folder')
+        atomic_write(folder / SCENARIO_FILE, scenario.to_yaml(), ConfigError)
+        save_rover(scenario.rover, folder / ROVER_FILE)
+        # Tools that read the bag later find its world here.
+        (folder / WORLD_LINK).symlink_to(world)
     paths = {'world': str(world), 'rover': str(folder / ROVER_FILE)}
     participants = _participants(scenario)
     plans = []
@@ -431,6 +474,12 @@ def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:
         parameters: dict[str, str | bool | tuple[str, ...]] = dict(paths)
         if participants:
             parameters['participants'] = participants
+        if scenario.physics_node.checkpoint_period_s:
+            parameters['checkpoints'] = str(folder / CHECKPOINT_FOLDER)
+        if resumed is not None:
+            parameters['resume_from'] = str(resumed.folder)
+        if name == 'physics_node' and scenario.physics_node.checkpoint_period_s:
+            parameters['checkpoint_nodes'] = scenario.run.nodes
         if name == 'recorder_node':
             parameters['output'] = str(folder / BAG_FOLDER)
             parameters['scenario_file'] = str(folder / SCENARIO_FILE)

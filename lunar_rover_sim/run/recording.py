@@ -9,6 +9,7 @@ import numbers
 from pathlib import Path
 import time
 
+from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.totals import simulated_end_ns
 from lunar_rover_sim.base import topics
@@ -17,11 +18,13 @@ from lunar_rover_sim.base.errors import (brief, check_argument, check_path, Conf
 from lunar_rover_sim.base.files.paths import BAG_FOLDER, check_new_folder
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.rover.gait.calibration import differences, GaitCalibration, ground_conditions
+from lunar_rover_sim.run.checkpoint import Checkpoint, CHECKPOINT_FOLDER, clear, newest
 from lunar_rover_sim.run.dated_sun import dated_sun
 from lunar_rover_sim.run.lockstep import machine_slowness, STARTED_NS
 from lunar_rover_sim.run.node_config import ALL
 from lunar_rover_sim.run.node_processes import Looks, NodeLogs, NodeProcesses
-from lunar_rover_sim.run.plan import awaits_others, prepare, resolve
+from lunar_rover_sim.run.plan import (awaits_others, prepare, resolve, SCENARIO_FILE,
+                                      why_no_checkpoints, WORLD_LINK)
 from lunar_rover_sim.run.publication import misspelt_exclusions, silent_topics, unrecorded_cameras
 from lunar_rover_sim.run.ros_domain import (check_domain, ClockReader, OwnDomain, require_ros,
                                             shell_domain)
@@ -186,6 +189,7 @@ class Recording:
 
 def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None = None,
            domain: int | None = None, join: bool = False, timeout_s: float | None = None,
+           resume: bool = False,
            should_stop: Callable[[], bool] = lambda: False,
            on_start: Callable[[Scenario, int], None] = lambda _scenario, _domain: None,
            on_progress: Callable[[int], None] = lambda _now_ns: None,
@@ -204,6 +208,8 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
         join: Takes part in a graph that runs there, whose nodes may publish tf and tf_static. By
             default it is that of the shell.
         timeout_s: Wall time, > 0, after which the run counts as failed [s].
+        resume: Go on with the run in `folder`, whose `unfinished_run` is this scenario, at its
+            newest checkpoint; on the world that it began on.
         should_stop: Asked ten times a second; once it returns True, the run ends early.
         on_start: Called with the resolved scenario and the ROS_DOMAIN_ID before the nodes start.
         on_progress: Called ten times a second with the simulated time [ns].
@@ -223,9 +229,17 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
         check_path('world', world)
     if timeout_s is not None and not (isinstance(timeout_s, numbers.Real) and timeout_s > 0):
         raise ConfigError(f'timeout_s: {brief(timeout_s)} is not valid; valid is > 0 [s]')
-    check_new_folder(Path(folder), 'folder')
+    resumed = None
+    if resume:
+        resumed = _last_checkpoint(Path(folder))
+    else:
+        check_new_folder(Path(folder), 'folder')
     require_ros()
-    if world is not None:
+    if resume:
+        world_folder = (Path(folder) / WORLD_LINK).resolve()
+        used = load_world(world_folder)
+        scenario.check_world(used)
+    elif world is not None:
         world_folder = Path(world).resolve()
         used = load_world(world_folder)
         scenario.check_world(used)
@@ -237,7 +251,14 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
         used = load_world(world_folder, verify=False)
     # The recorded scenario states the recipe of the world that is used, and its hash.
     named = dataclasses.replace(scenario.run, world_hash=used.hash)
+    given = scenario.physics_node.checkpoint_period_s
     scenario = resolve(dataclasses.replace(scenario, run=named))
+    if given and not scenario.physics_node.checkpoint_period_s:
+        logger.warning('physics_node.checkpoint_period_s: %g s, but there are no checkpoints %s',
+                       given, why_no_checkpoints(scenario))
+    if resume and scenario.to_yaml() != (Path(folder) / SCENARIO_FILE).read_text('utf-8'):
+        raise ConfigError(f'{folder}: {SCENARIO_FILE} is not what this version makes of it; valid '
+                          'is the version that began the run')
     if 'gait_controller_node' in scenario.run.nodes:
         # The gait node compares the rover; it does not know the ground.
         calibration = GaitCalibration.of(scenario.gait_controller_node, rover=scenario.rover.name)
@@ -281,7 +302,7 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
             check_domain(domain, [f'/{topic.name}' for topic in topics.of_legs(
                 topics.CONTRACT, scenario.rover.legs.names) if topic.node in scenario.run.nodes
                                   and topic is not topics.DIAGNOSTICS], join)
-        plans = prepare(scenario, folder, world_folder)
+        plans = prepare(scenario, folder, world_folder, resumed)
         on_start(scenario, own.id)
         start = time.monotonic()
         with ClockReader(own.id) as clock, NodeProcesses(
@@ -304,6 +325,37 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
                      interrupted=not finished,
                      warnings=(*logs.summary(), *nodes.lost.values(),
                                *missing_frames(scenario, counts, simulated_s)))
+
+
+def unfinished_run(folder: Path) -> Scenario:
+    """Return the scenario of a run that ended early, and can go on at a checkpoint.
+
+    Raises:
+        ConfigError: If there is no run in the folder, it is finished, it goes on at this moment,
+            it has no whole checkpoint, or it is of another version.
+    """
+    path, bag = folder / SCENARIO_FILE, folder / BAG_FOLDER
+    if not path.is_file():
+        raise ConfigError(f'{folder}: holds no run; valid is the folder of a run that ended early')
+    if bag.is_dir():
+        if marker.why_incomplete(bag) is None:
+            raise ConfigError(f'{folder}: the run is finished')
+        try:
+            if (bag / marker.MARKER_NAME).is_file():
+                marker.lock(bag).close()
+        except BlockingIOError:
+            raise ConfigError(f'{folder}: the run goes on at this moment') from None
+    _last_checkpoint(folder)
+    return Scenario.load(path)
+
+
+def _last_checkpoint(folder: Path) -> Checkpoint:
+    found = newest(folder / CHECKPOINT_FOLDER)
+    if found is None:
+        raise ConfigError(f'{folder}: holds no whole checkpoint; valid is a run with '
+                          'physics_node.checkpoint_period_s that has reached the first one')
+    clear(folder / CHECKPOINT_FOLDER, found.time_ns)
+    return found
 
 
 def missing_frames(scenario: Scenario, counts: Mapping[str, int],

@@ -27,6 +27,9 @@ class NodeConfig(Parameters):
         (), 'topics by whose publishers the participants of a run are recognised; a run names '
         'all awaited ones; in lockstep no node sends before they are discovered and matched')
 
+    checkpoints: str = param('', 'folder of the checkpoints of a run, into which nodes write '
+                             'their states', by_run=True)
+    resume_from: str = param('', 'checkpoint at which a run goes on', by_run=True)
     separate_truth: bool = param(
         False, 'the true odometry is ground_truth/odom, in frames ground_truth/odom and '
         'ground_truth/base_link, so that odom and its frames are free for an estimator; the '

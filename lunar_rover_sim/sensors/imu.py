@@ -16,6 +16,7 @@ Aerospace and Electronic Systems 42 (2), 2006). The sum is then rounded and clip
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import dataclasses
 from typing import Any
 
@@ -25,6 +26,7 @@ from numpy.typing import ArrayLike
 from lunar_rover_sim.bag.messages import xyz
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError, PhysicsError
+from lunar_rover_sim.base.files.state_file import attributes, restore_attributes
 from lunar_rover_sim.base.frames import Array, matrix_from_rotvec
 from lunar_rover_sim.base.parameters import param, Parameters
 from lunar_rover_sim.sensors.sensor import Content, FROM_PRESET, numbers, over_preset, Sensor
@@ -167,6 +169,14 @@ class ImuNoise:
         self._quantised = bool(np.any(self._resolution > 0.0))
         limits = np.repeat([config.accel_range_mps2, config.gyro_range_radps], 3)
         self._limit = np.where(limits > 0.0, limits, np.inf)
+
+    def state(self) -> dict[str, Any]:
+        """Return what the noise goes on from."""
+        return attributes(self, '_rng', '_bias')
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned, of an IMU with the same parameters."""
+        restore_attributes(self, state)
 
     def white_noise_variances(self) -> tuple[float, float]:
         """Return the variance of one sample: accelerometer [m^2/s^4], gyroscope [rad^2/s^2].

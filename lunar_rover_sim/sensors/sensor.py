@@ -15,6 +15,7 @@ from typing import Any, ClassVar, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from lunar_rover_sim.base.files.state_file import attributes_but, restore_attributes
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.parameters import Parameters
 from lunar_rover_sim.base.seconds import NS_PER_S
@@ -199,6 +200,14 @@ class Sensor:
 
     def restart(self) -> None:
         """Begin anew: the rover is back at its start, or nobody has read for a while."""
+
+    def state(self) -> dict[str, Any]:
+        """Return all that it goes on from."""
+        return attributes_but(self, 'config', 'platform')
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned, of a sensor with the same parameters."""
+        restore_attributes(self, state)
 
     @classmethod
     def read(cls, topic: str, message: Any) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from lunar_rover_sim.products.inspection.report import Status
 # Command → its words, and what its result holds.
 COMMANDS = {
     'bag info': ('{bag}', {'messages', 'start_s', 'end_s', 'size_bytes', 'storage', 'topics',
-                           'real_time_factor', 'incomplete'}),
+                           'real_time_factor', 'resumed_s', 'incomplete'}),
     'bag check': ('{bag}', {'ok', 'findings'}),
     'dataset status': ('{dataset}', {'campaign', 'planned', 'finished', 'failed', 'under_way',
                                      'missing'}),

@@ -8,8 +8,10 @@ filter each. A height that contradicts its cell is counted instead; several in a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import dataclasses
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from lunar_rover_sim.autonomy.navigation.config import MapConfig
 from lunar_rover_sim.base.compiled import compiled
 from lunar_rover_sim.base.errors import brief, NavigationError
+from lunar_rover_sim.base.files.state_file import attributes_but, restore_attributes
 from lunar_rover_sim.base.frames import Array
 
 F32 = NDArray[np.float32]
@@ -90,6 +93,14 @@ class ElevationMap:
         self._hits[:] = 0
         self._misses[:] = 0
         self._corner = self._last = self._seen_ns = None
+
+    def state(self) -> dict[str, Any]:
+        """Return all that the map goes on from."""
+        return attributes_but(self, 'config', '_sums')
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned, of a map with the same parameters."""
+        restore_attributes(self, state)
 
     @property
     def has_seen(self) -> bool:

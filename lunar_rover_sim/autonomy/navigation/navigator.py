@@ -6,10 +6,11 @@ It reads no clock and no random number: the same calls give the same commands.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 import enum
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,9 +24,11 @@ from lunar_rover_sim.autonomy.path_following.config import DriveConfig
 from lunar_rover_sim.autonomy.path_following.driver import PurePursuit, Steering
 from lunar_rover_sim.autonomy.path_following.route import Route
 from lunar_rover_sim.base.errors import brief, NavigationError
+from lunar_rover_sim.base.files.state_file import attributes_but, restore_attributes
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, path_length, tilt_deg
 from lunar_rover_sim.base.seconds import NS_PER_S
 
+_GIVEN = '_config', '_radius_m', '_half_extent_m', '_costs', '_pursuit_config'
 _BACK_MPS = -0.08
 _TURN_IN_PLACE_DEG = 60.0   # error of heading above which the rover turns in place
 _WAYPOINT_M = 0.4           # a waypoint before the last is reached at this distance
@@ -161,6 +164,14 @@ class Navigator:
         self.backed_off = 0
         if self._config.goals:
             self.set_goals(self._config.goals)
+
+    def state(self) -> dict[str, Any]:
+        """Return all that the drive goes on from."""
+        return attributes_but(self, *_GIVEN)
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned, of a navigator with the same parameters."""
+        restore_attributes(self, state)
 
     def set_goals(self, goals_m: Sequence[ArrayLike],
                   final_heading_rad: float | None = None) -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import bisect
 from collections import deque
+from collections.abc import Mapping
 import dataclasses
 import enum
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +16,7 @@ from numpy.typing import ArrayLike
 from lunar_rover_sim.autonomy.path_following.config import DriveConfig
 from lunar_rover_sim.autonomy.path_following.route import make_route, Route
 from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.files.state_file import attributes_but, restore_attributes
 from lunar_rover_sim.base.frames import matrix_from_wxyz, tilt_deg
 
 
@@ -173,6 +176,14 @@ class Driver:
         self._history: deque = deque()      # (stamp, progress) of the last stuck_time_s
         self._heading: float | None = None
         self._turned = 0.0
+
+    def state(self) -> dict[str, Any]:
+        """Return all that the drive goes on from."""
+        return attributes_but(self, '_config', '_half_extent_m', '_profile')
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned, of a driver with the same parameters."""
+        restore_attributes(self, state)
 
     def update(self, stamp_ns: int, position_m: ArrayLike,
                orientation_wxyz: ArrayLike) -> DriveCommand:

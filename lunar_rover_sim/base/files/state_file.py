@@ -35,6 +35,11 @@ def attributes(thing: object, *names: str) -> dict[str, Any]:
     return {name: getattr(thing, name) for name in names}
 
 
+def attributes_but(thing: object, *names: str) -> dict[str, Any]:
+    """Return the attributes of an object but these, which it is made with."""
+    return {name: value for name, value in vars(thing).items() if name not in names}
+
+
 def restore_attributes(thing: object, state: Mapping[str, Any]) -> None:
     """Set attributes as `attributes` has returned them.
 

@@ -215,6 +215,19 @@ class Development:
         self._auto = AutoExposure(self.sensor) if config.exposure_mode == 'auto' else None
         self.meter(light)
 
+    @property
+    def exposure(self) -> tuple[float, float, bool]:
+        """The exposure times of the last frame and the next [s], and whether one was exposed."""
+        auto = self._auto
+        return (self.exposure_s, self.exposure_s, True) if auto is None else (
+            self.exposure_s, auto.exposure_s, auto.started)
+
+    @exposure.setter
+    def exposure(self, exposure: tuple[float, float, bool]) -> None:
+        self.exposure_s = exposure[0]
+        if self._auto is not None:
+            _, self._auto.exposure_s, self._auto.started = exposure
+
     def inside(self, image: NDArray[Any]) -> NDArray[Any]:
         """Return the part of a padded image that the camera shows."""
         x, y = self._padding

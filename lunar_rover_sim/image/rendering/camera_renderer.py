@@ -116,6 +116,15 @@ class CameraRenderer(GlOwner):
         return self._development.exposure_s
 
     @property
+    def exposure(self) -> tuple[float, float, bool]:
+        """See `Development.exposure`."""
+        return self._development.exposure
+
+    @exposure.setter
+    def exposure(self, exposure: tuple[float, float, bool]) -> None:
+        self._development.exposure = exposure
+
+    @property
     def under_way(self) -> int:
         """Number of frames that are begun and not finished; the first of them is lit."""
         return len(self._begun)

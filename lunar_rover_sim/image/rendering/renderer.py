@@ -34,6 +34,7 @@ from lunar_rover_sim.image.rendering.context import create_context
 from lunar_rover_sim.image.rendering.drawn_window import DrawnWindow, WorldLight
 from lunar_rover_sim.image.rendering.faces import check_size, padded_projection
 from lunar_rover_sim.image.rendering.frame import StereoFrame
+from lunar_rover_sim.image.rendering.labels import Numbers
 from lunar_rover_sim.image.rendering.scene import checked_state, Request
 from lunar_rover_sim.image.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.description import RoverDescription
@@ -103,6 +104,27 @@ class Renderer:
     def exposure_s(self) -> float:
         """Exposure time of the last pair, or of the first one before it [s]."""
         return self._pair.exposure_s
+
+    @property
+    def exposure(self) -> tuple[float, float, bool]:
+        """What the exposure of the pair goes on from: of the last frame, of the next [s], begun.
+
+        It is all that images depend on besides the arguments of `begin`, the window and tracks.
+        """
+        return self._pair.exposure
+
+    @exposure.setter
+    def exposure(self, exposure: tuple[float, float, bool]) -> None:
+        self._pair.exposure = exposure
+
+    @property
+    def numbers(self) -> tuple[Numbers, Numbers]:
+        """See `WorldPasses.numbers`."""
+        return self._shared.numbers
+
+    @numbers.setter
+    def numbers(self, numbers: tuple[Numbers, Numbers]) -> None:
+        self._shared.numbers = numbers
 
     def add_camera(self, config: FurtherCameraConfig, mount: Mount, seed: int | None = None,
                    samples: int = 1) -> FurtherCamera:

@@ -119,6 +119,15 @@ class WorldPasses(GlOwner):
             self.earth.enter(window, light.earth)
 
     @property
+    def numbers(self) -> tuple[Numbers, Numbers]:
+        """Those of rocks and of craters, of all windows so far; set, they count from `enter` on."""
+        return self._rock_book, self._crater_book
+
+    @numbers.setter
+    def numbers(self, numbers: tuple[Numbers, Numbers]) -> None:
+        self._rock_book, self._crater_book = numbers
+
+    @property
     def sources(self) -> tuple[WorldPasses, ...]:
         """The passes of each source of light: of the sun, and of the Earth if it is up."""
         if self.earth is None or not self.earth.config.sun.shines:

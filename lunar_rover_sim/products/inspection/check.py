@@ -18,7 +18,7 @@ from mcap.stream_reader import StreamReader
 from lunar_rover_sim.bag.marker import has_end, MAGIC, METADATA_NAME
 from lunar_rover_sim.bag.metadata import COMPRESSED
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.totals import is_at_wall_time, recorded_counts
+from lunar_rover_sim.bag.totals import is_at_wall_time, recorded_counts, resumed_line
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import one_line
 from lunar_rover_sim.base.seconds import NS_PER_S
@@ -45,8 +45,9 @@ def check(path: Path | str, progress: Callable[[], None] | None = None) -> Check
         if bag.incomplete:
             report.add('complete', Status.FAIL, bag.incomplete)
         else:
+            resumed = resumed_line(bag)
             report.add('complete', Status.PASS, f'{bag.message_count} messages on '
-                       f'{len(bag.types)} topics')
+                       f'{len(bag.types)} topics' + (f'; {resumed}' if resumed else ''))
         checksums(bag, report)
         if not bag.namespaces:
             report.add('contract', Status.FAIL, 'no odometry and no stereo images in the bag')

@@ -11,7 +11,7 @@ from typing import Any
 from lunar_rover_sim.bag.content_hash import ContentHash
 from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.totals import simulated_end_ns
+from lunar_rover_sim.bag.totals import resumed_line, simulated_end_ns
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.products.inspection import tracking
@@ -27,7 +27,7 @@ class Summary:
             it.
         slam: How many frames a SLAM program had in each of its states, such as `tracking`.
         goal: What the navigator said last, and when; '' without one.
-        notes: What is missing that one may expect.
+        notes: What one may not expect, see `notes_on`.
     """
 
     counts: dict[str, int]
@@ -75,7 +75,13 @@ def summarise(path: Path) -> Summary:
                 goal = _goal_line(decoded)
         return Summary(dict(bag.counts), simulated_end_ns(bag) / NS_PER_S, drive.distance_m(),
                        bag.size_bytes, hashes.of_bag(), tuple(drive.predictions()), slam, goal,
-                       missing_tf(bag))
+                       notes_on(bag))
+
+
+def notes_on(bag: Bag) -> tuple[str, ...]:
+    """Return lines on what one may not expect: that a recording was resumed, that tf is missing.
+    """
+    return tuple(filter(None, (resumed_line(bag), *missing_tf(bag))))
 
 
 def missing_tf(bag: Bag) -> tuple[str, ...]:

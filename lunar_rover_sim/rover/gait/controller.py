@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.base.errors import brief, ConfigError, GaitError
+from lunar_rover_sim.base.files.state_file import attributes_but, restore_attributes
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration, STAND, Stride
@@ -114,6 +116,14 @@ class GaitController:
         self._blend_s = math.inf          # time since the last change of parameters
         self._settings: list[tuple[float, ...]] = []
         self._make_sides()
+
+    def state(self) -> dict[str, Any]:
+        """Return all that the gait goes on from."""
+        return attributes_but(self, '_config', '_legs', '_sides', '_offsets', '_calibration')
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned, of a controller with the same parameters."""
+        restore_attributes(self, state)
 
     def set_velocity(self, forward_mps: float, yaw_rate_radps: float,
                      stamp_ns: int | None = None) -> None:
