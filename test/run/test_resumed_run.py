@@ -60,7 +60,8 @@ def test_a_killed_run_goes_on_as_if_it_had_not_been(
 
 @pytest.mark.parametrize('settings, why', [
     (['time_mode=real_time'], 'in time_mode real_time'),
-    (['run.nodes=[physics_node, slam_node, recorder_node]'], 'with slam_node, whose state is not kept'),
+    (['run.nodes=[physics_node, slam_node, recorder_node]'],
+     'with slam_node, whose state is not kept'),
     (['run.may_fail=[lidar_node]'], 'with run.may_fail: lidar_node'),
     (['physics_node.wait.topics=[mine]', 'physics_node.wait.lags_s=[0]'],
      'where time waits for programs that the run does not start')])

@@ -120,7 +120,7 @@ class WorldPasses(GlOwner):
 
     @property
     def numbers(self) -> tuple[Numbers, Numbers]:
-        """Those of rocks and of craters, of all windows so far; set, they count from `enter` on."""
+        """Those of rocks and craters, of all windows so far; set, they count from `enter` on."""
         return self._rock_book, self._crater_book
 
     @numbers.setter
