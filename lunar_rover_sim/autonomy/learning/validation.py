@@ -11,6 +11,7 @@ import dataclasses
 import numpy as np
 
 from lunar_rover_sim.autonomy.learning.controller import PolicyController
+from lunar_rover_sim.autonomy.learning.follow import FollowConfig
 from lunar_rover_sim.autonomy.learning.policy_file import Policy
 from lunar_rover_sim.autonomy.learning.randomisation import Randomisation
 from lunar_rover_sim.autonomy.learning.senses import Sample
@@ -55,6 +56,8 @@ def validate_policy(policy: Policy, duration_s: float = DURATION_S,
     """
     config = dataclasses.replace(policy.config(), randomise=Randomisation.none(), privileged=False,
                                  imu_noise=False, episode_s=duration_s)
+    if isinstance(config, FollowConfig):    # one command: nodes hear of another one at a state
+        config = dataclasses.replace(config, command_s=duration_s + 1.0)
     kind = TASKS[policy.card.task][0]
     trained, run = kind(config), kind(config)
     try:

@@ -62,6 +62,12 @@ def test_the_node_sees_what_the_environment_shows(walk_file):
     assert sum(check.span > 0.01 for check in checks) >= 27
 
 
+def test_a_packaged_policy_agrees_for_longer_than_a_command_holds_in_training():
+    policy = Policy('smooth')
+    assert policy.config().command_s < 3.6
+    assert [check.name for check in validate_policy(policy, 3.6) if not check.holds] == []
+
+
 def test_a_node_that_sees_something_else_is_noticed(walk_file, monkeypatch):
     real = PolicyController.update
     monkeypatch.setattr(PolicyController, 'update', lambda self, sample: real(
