@@ -37,6 +37,7 @@ _ROWS, _COLUMNS = 3, 4      # blocks of an image
 _MAX_BYTES = 1 << 22
 _FIELDS = ('name', 'version', 'scenarios', 'seeds', 'duration_s', 'sensors', 'settings', 'drives',
            'results')
+_SCORES = ('scenario', 'system', 'sensor', 'drives', 'successes', 'ate_percent')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -228,6 +229,13 @@ def read_seal(path: Path) -> Seal:
     if wrong := [sensor for sensor in seal.sensors if sensor not in SENSORS]:
         raise SlamError(f'{path}: sensors: {brief(wrong[0])} is not valid; valid are '
                         f'{", ".join(SENSORS)}')
+    for name, print_ in seal.drives.items():
+        levels = [level for block in print_.images for level in block]
+        if not levels or not all(0.0 <= level <= 255.0 for level in levels):
+            raise SlamError(f'{path}: images of {name}: valid are grey levels of 0 to 255')
+    for row in seal.results:
+        if lacking := [key for key in _SCORES if key not in row]:
+            raise SlamError(f'{path}: results: a row lacks {", ".join(lacking)}')
     names = {Drive(scenario, seed, seal.duration_s).name
              for scenario in seal.scenarios for seed in seal.seeds}
     if names != seal.drives.keys():

@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import json
 from pathlib import Path
+import re
 import shutil
 import sys
 from typing import Any
@@ -143,6 +144,9 @@ def test_bad_seals(sealed: Path, tmp_path: Path) -> None:
     for content, words in (('[]', 'is no seal'), ('name: a', 'it lacks version, scenarios'),
                            (text.replace('- mono', '- sonar'), "sensors: 'sonar' is not valid"),
                            (text.replace('- 3\n', '- 4\n'), 'flat-seed3, flat-seed4'),
+                           (re.sub(r"images: *\n *- '?[\d.]+ ", 'images:\n    - nan ', text),
+                            'valid are grey levels of 0 to 255'),
+                           (text.replace('successes:', 'success:'), 'a row lacks successes'),
                            (text.replace('world: ab', 'wordl: ab'), 'is no seal')):
         (tmp_path / 'bad.yaml').write_text(content)
         with pytest.raises(SlamError, match=words):
