@@ -9,8 +9,11 @@ Olhoeft and Mendell, Lunar Sourcebook, 1991, ch. 9), and Surveyor 3, whose footp
 60 kPa at 2 to 5 cm. `highland_dense`: the Apollo 15 penetrometer, 348 kPa at 16 cm (Mitchell et
 al., S-200, 1974). `highland_loose`: a choice, for fresh ejecta and crater rims. They are measured
 in place, so they contain the cohesion of the soil. Poppy seeds: Li, Zhang and Goldman 2013; their
-friction and repose are choices, 35 and 36 deg. How much of a print is compacted, and the angle of
-repose of small heaps, are choices: loose soil is pressed together, dense soil aside.
+friction and repose are choices, 35 and 36 deg. Friction of the lunar soils is a choice, too: 33 to
+45 deg, within the 24 to 47 deg of boulder tracks (Boulder tracks and nature of lunar soil, 1973,
+NTRS 19730039283); so are stiffness and damping of a tip, alike for all. How much of a print is
+compacted, and the angle of repose of small heaps, are choices: loose soil is pressed together,
+dense soil aside.
 So is the way over which shear is mobilised, a tenth to a quarter of the width of a tip, as for
 piles that are pushed sideways; the 1.8 cm of the Apollo rover (Lunar Sourcebook, ch. 9) belong to
 its wheels of 23 cm.
