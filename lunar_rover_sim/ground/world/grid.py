@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from typing import Any
 
@@ -59,7 +60,7 @@ class HeightGrid:
         """Least and greatest x, then y, site frame [m]."""
         return box_around(self.middle_m, self.half_extent_m)
 
-    @property
+    @functools.cached_property
     def first(self) -> tuple[float, float]:
         """Place of sample [0, 0] on the lattice of the site, x and y [cells].
 

@@ -15,6 +15,11 @@ from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.dem import open_dem
 
 
+def bare(path, **parameters):
+    """Return the parameters of a small world of the heights alone."""
+    return config(path, **worlds.BARE, **parameters)
+
+
 def edited(path, **changes):
     """Change attributes of a raster, as `gdal_edit.py` does."""
     with rasterio.open(path, 'r+') as file:
@@ -81,9 +86,9 @@ def test_zeros_beside_ground_at_20_m_are_no_ground(tmp_path, pixel, block):
     path = write_tiff(tmp_path / 'edge.tif', heights, pixel=pixel)
     with pytest.raises(WorldError, match=r'x .*, y .* m in .* of the value 0 stands? [12]\d\S* m '
                                          'off the ground beside them: a mark') as error:
-        build_world(config(path), 1)
+        build_world(bare(path), 1)
     assert '\n' not in str(error.value)
-    build_world(config(edited(path, nodata=0.0), dem={'nodata': 'fill'}), 1)
+    build_world(bare(edited(path, nodata=0.0), dem={'nodata': 'fill'}), 1)
 
 
 def test_boxes_and_shores_at_0_are_ground(tmp_path):
@@ -94,7 +99,7 @@ def test_boxes_and_shores_at_0_are_ground(tmp_path):
     shore = np.maximum(hills(120, 1.0) + 1834.0, 0.0).astype(np.float32)
     whole = np.round(hills(120, 1.0) + 1834.0).astype(np.int16)
     for k, heights in enumerate((course, shore, whole)):
-        build_world(config(write_tiff(tmp_path / f'{k}.tif', heights, pixel=1.0)), 1)
+        build_world(bare(write_tiff(tmp_path / f'{k}.tif', heights, pixel=1.0)), 1)
 
 
 @pytest.mark.parametrize('pixel', [1.0, 20.0])
@@ -104,7 +109,7 @@ def test_the_end_of_a_type_of_whole_numbers_is_a_mark_at_any_scale(tmp_path, pix
     heights[5:9, 5:9] = -32768
     path = edited(write_tiff(tmp_path / 'fine.tif', heights, pixel=pixel), scales=(1e-4,))
     with pytest.raises(WorldError, match='16 pixels of the value -32768 stand 3.* m off'):
-        build_world(config(path), 1)
+        build_world(bare(path), 1)
 
 
 def test_a_full_range_of_whole_numbers_is_ground(tmp_path):
@@ -113,7 +118,7 @@ def test_a_full_range_of_whole_numbers_is_ground(tmp_path):
     span = heights.max() - heights.min()
     raw = np.round((heights - heights.min()) / span * 65535.0).astype(np.uint16)
     path = edited(write_tiff(tmp_path / 'full.tif', raw, pixel=1.0), scales=(span / 65535.0,))
-    build_world(config(path), 1)
+    build_world(bare(path), 1)
 
 
 def turned(path, transform, crs=MOON):
@@ -163,7 +168,7 @@ def sheet(spike=None, at=(0, 0), n=41, size_m=40.0):
 
 def of_mesh(path, **parameters):
     return WorldConfig.from_mapping(
-        merge(merge(worlds.SMALL, {'source': 'mesh', 'path': str(path)}), parameters))
+        merge({**worlds.SMALL, **worlds.BARE, 'source': 'mesh', 'path': str(path)}, parameters))
 
 
 @pytest.mark.parametrize('suffix', ['.ply', '.stl', '.glb'])

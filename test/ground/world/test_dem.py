@@ -178,7 +178,7 @@ def test_gaps(tmp_path, marker):
     with pytest.raises(WorldError, match=r'6 of \d+ pixels in the window have no data; move '
                                          r'world.dem.center or set world.dem.nodata to fill'):
         open_dem(config(path))
-    world = build_world(config(path, dem={'nodata': 'fill'}), 1)
+    world = build_world(config(path, dem={'nodata': 'fill'}, **worlds.BARE), 1)
     assert world.report['filled_pixels'] == 6
     assert np.abs(world.ground.heights_m).max() < 5.0
 
@@ -187,7 +187,7 @@ def test_gaps_in_the_surroundings_are_filled(tmp_path):
     heights = hills()
     heights[:5, :] = -9999.0
     path = write_tiff(tmp_path / 'gap.tif', heights, nodata=-9999.0)
-    world = build_world(config(path), 1)
+    world = build_world(config(path, **worlds.BARE), 1)
     assert all(np.abs(level.heights_m).max() < 200.0 for level in world.levels)
 
 
@@ -201,7 +201,7 @@ def test_undeclared_gaps_in_the_surroundings_are_refused(tmp_path, marker, block
     with pytest.raises(WorldError, match=rf'x .*, y .* m around the origin: {marker:g} m '
                                          'beside .* if one of them marks missing data, declare it'
                        ) as error:
-        build_world(config(path), 1)
+        build_world(config(path, **worlds.BARE), 1)
     assert '\n' not in str(error.value)
 
 
@@ -210,7 +210,8 @@ def test_what_cannot_be_a_height_is_filled_in_the_surroundings_with_a_message(
         tmp_path, caplog, marker):
     heights = hills(200, pixel=1.0)
     heights[5:30, 5:30] = marker
-    world = build_world(config(write_tiff(tmp_path / 'gap.tif', heights, pixel=1.0)), 1)
+    path = write_tiff(tmp_path / 'gap.tif', heights, pixel=1.0)
+    world = build_world(config(path, **worlds.BARE), 1)
     told = [r.message for r in caplog.records if 'around the window have no data' in r.message]
     assert len(told) == 1 and told[0].endswith('are filled')
     assert all(np.abs(level.heights_m).max() < 200.0 for level in world.levels)
@@ -220,7 +221,8 @@ def test_steep_ground_far_away_is_ground(tmp_path):
     """Slopes of 60 degrees between pixels of 5 m."""
     heights = hills(200, pixel=5.0)
     heights[:40] += np.float32(5.0 * np.tan(np.radians(60.0))) * np.arange(40, 0, -1)[:, None]
-    build_world(config(write_tiff(tmp_path / 'steep.tif', heights, pixel=5.0)), 1)
+    path = write_tiff(tmp_path / 'steep.tif', heights, pixel=5.0)
+    build_world(config(path, **worlds.BARE), 1)
 
 
 def test_refusals(tmp_path):
@@ -290,7 +292,8 @@ def test_only_the_window_is_read(tmp_path):
         window = rasterio.windows.Window(51_200 - 512, 51_200 - 512, 1024, 1024)
         file.write(np.tile(hills(64, 5.0), (16, 16)), 1, window=window)
     assert path.stat().st_size < 50e6
-    parameters = config(path, dem={'center_mode': 'pixel', 'center': [51_200.0, 51_200.0]})
+    parameters = config(path, dem={'center_mode': 'pixel', 'center': [51_200.0, 51_200.0]},
+                        **worlds.BARE)
     tracemalloc.start()
     world = build_world(parameters, 1)
     peak = tracemalloc.get_traced_memory()[1]
