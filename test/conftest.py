@@ -34,9 +34,11 @@ TINY = ('render_node.camera.width=160', 'render_node.camera.height=120',
 PLAIN = ('render_node.detail.far_rocks_m=0', 'render_node.detail.bounce=false',
          'render_node.detail.relief_rms_slope=0', 'render_node.detail.pit_cover=0',
          'render_node.detail.pebble_cover=0')
+# For runs in which the ground needs not give: physics starts sooner and takes less.
+RIGID = ('physics_node.ground.model=rigid',)
 # For runs that have nothing to do with images: the renderer starts slowly.
 BLIND = ('--set', 'run.nodes=[physics_node,gait_controller_node,drive_node,recorder_node]',
-         '--set', 'physics_node.ground.model=rigid')
+         '--set', *RIGID)
 
 
 def command(*arguments: str) -> list[str]:
@@ -67,8 +69,10 @@ _OF_WORKSPACE = ('bag', 'cli', 'files', 'gait', 'nodes', 'rover', 'run', 'test')
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave to `colcon test`, which runs one at a time, what depends on the workspace.
 
+    Tests beside this file come first: half a minute each, for which no worker may wait at the end.
     `./bootstrap test` looks for tests that run alone in test/nodes only.
     """
+    items.sort(key=lambda item: item.path.parent != Path(__file__).parent)
     for item in items:
         if item.get_closest_marker('alone') and item.path.parent.name != 'nodes':
             raise pytest.UsageError(f'{item.nodeid}: is marked alone; valid is so in test/nodes')

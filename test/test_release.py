@@ -6,8 +6,11 @@ import re
 import subprocess
 import sys
 
+from conftest import PLAIN, RIGID, SMALL, TINY
 import pytest
 import yaml
+
+from lunar_rover_sim.run.scenario import Scenario
 
 ROOT = Path(__file__).parents[1]
 ACTION = ROOT / '.github/actions/judge'
@@ -48,11 +51,15 @@ def test_the_script_fails_above_a_bound_only(tmp_path: Path) -> None:
                        '        t = int(line.split()[0]) * 1e-9\n'
                        '        print(t, 0.1 * t, 0.1 * t * t, 0, 0, 0, 0, 1, file=out)\n')
 
+    scenario = Scenario.load('flat', [*SMALL, *TINY, *PLAIN, *RIGID])
+    (tmp_path / 'small.yaml').write_text(scenario.to_yaml())
+
     def judged(bound: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [ACTION / 'judge'], capture_output=True, text=True, cwd=tmp_path,
-            env={**os.environ, 'PATH': PATH, 'SCENARIO': 'flat', 'DURATION': '1', 'MAX_ATE': bound,
-                 'OUTPUT': f'of_{bound}', 'RUN': f'python {program} {{times}} {{out}}'})
+            env={**os.environ, 'PATH': PATH, 'SCENARIO': 'small.yaml', 'DURATION': '1',
+                 'MAX_ATE': bound, 'OUTPUT': f'of_{bound}',
+                 'RUN': f'python {program} {{times}} {{out}}'})
     strict = judged('0.000001')
     assert strict.returncode == 1
     assert 'ATE is' in strict.stderr and '--max-ate asks for at most 1e-06 m' in strict.stderr

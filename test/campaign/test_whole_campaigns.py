@@ -14,7 +14,9 @@ import pytest
 from waiting import LIMIT_S, wait_until
 
 from lunar_rover_sim.bag.content_hash import bag_hash
+from lunar_rover_sim.campaign import episode
 from lunar_rover_sim.campaign.dataset import failures, manifests
+from lunar_rover_sim.cli.main import main
 
 pytestmark = pytest.mark.ros
 
@@ -29,6 +31,7 @@ settings:
   render_node.sgm.num_disparities: 32
   render_node.frame_rate_hz: 20
   render_node.depth_every: 2
+  physics_node.ground.model: rigid
 """ + ''.join(f'  {setting.replace("=", ": ")}\n' for setting in PLAIN)
 KILLED = 'design: grid\nformats: [tum]\nvary:\n  case:\n    choice:\n' + ''.join(
     f'      - {case}\n' for case in (
@@ -39,7 +42,6 @@ episodes: 2
 vary:
   physics_node.start.yaw_deg: {uniform: [-180, 180]}
 """ + SMALL + """  run.nodes: [physics_node, gait_controller_node, drive_node, recorder_node]
-  physics_node.ground.model: rigid
 """
 
 
@@ -54,7 +56,8 @@ def recording(folder: Path) -> bool:
     return any((folder / 'partial').glob('*/episodes/bag/*.mcap'))
 
 
-def test_killed_resumed_reproduced(tmp_path: Path, world_folder: Path) -> None:
+def test_killed_resumed_reproduced(tmp_path: Path, world_folder: Path,
+                                   capsys: pytest.CaptureFixture[str]) -> None:
     """After kill -9 nothing runs on; the same call completes; a scenario alone makes its bag."""
     (tmp_path / 'killed.yaml').write_text(KILLED)
     arguments = (str(tmp_path / 'killed.yaml'), '-o', str(tmp_path / 'data'), '--jobs', '2')
@@ -82,9 +85,8 @@ def test_killed_resumed_reproduced(tmp_path: Path, world_folder: Path) -> None:
         assert manifest['bag_hash'] == bag_hash(folder / 'bag')
     assert 'CC-BY-4.0' in (tmp_path / 'data' / 'README.md').read_text()
 
-    third = start(*arguments)
-    output, _ = third.communicate(timeout=LIMIT_S)
-    assert '1 there, 0 to make, 1 failed before' in output
+    assert main(['campaign', *arguments]) == 1
+    assert '1 there, 0 to make, 1 failed before' in ''.join(capsys.readouterr())
 
     scenario = tmp_path / 'data' / 'episodes' / '0000' / 'scenario.yaml'
     subprocess.run(command('run', str(scenario), '-o', str(tmp_path / 'alone')), check=True,
@@ -131,12 +133,13 @@ def test_a_cluster_loses_a_worker(tmp_path: Path, world_folder: Path) -> None:
     assert not processes_naming(str(tmp_path / 'data'))
 
 
-def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_scheduler_that_is_not_there_is_named(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str]) -> None:
     """One line, and the folder stays usable."""
     pytest.importorskip('distributed')
+    monkeypatch.setattr(episode, '_CONNECT_S', 0.2)
     (tmp_path / 'blind.yaml').write_text(BLIND)
-    campaign = start(str(tmp_path / 'blind.yaml'), '-o', str(tmp_path / 'data'),
-                     '--scheduler', 'tcp://127.0.0.1:9')
-    output, _ = campaign.communicate(timeout=LIMIT_S)
-    assert campaign.returncode == 1
-    assert '--scheduler tcp://127.0.0.1:9: no Dask scheduler answers' in output
+    assert main(['campaign', str(tmp_path / 'blind.yaml'), '-o', str(tmp_path / 'data'),
+                 '--scheduler', 'tcp://127.0.0.1:9']) == 1
+    assert '--scheduler tcp://127.0.0.1:9: no Dask scheduler answers' in capsys.readouterr().err

@@ -6,7 +6,7 @@ import re
 import signal
 import subprocess
 
-from conftest import BLIND, command, PLAIN, processes_naming, simulate, SMALL, TINY
+from conftest import BLIND, command, PLAIN, processes_naming, RIGID, simulate, SMALL, TINY
 import psutil
 import pytest
 from waiting import LIMIT_S, wait_until
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.ros
 
 def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
     """Start a small run of a minute in the background."""
-    settings = [word for setting in (*SMALL, *TINY, *PLAIN) for word in ('--set', setting)]
+    settings = [word for setting in (*SMALL, *TINY, *PLAIN, *RIGID) for word in ('--set', setting)]
     return subprocess.Popen(
         command('run', 'baseline', '-o', str(folder), '--duration', '60', *settings, *arguments),
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

@@ -6,7 +6,7 @@ import signal
 import socket
 import subprocess
 
-from conftest import BLIND, command, PLAIN, processes_naming, SMALL, TINY
+from conftest import BLIND, command, PLAIN, processes_naming, RIGID, SMALL, TINY
 import pytest
 from waiting import LIMIT_S
 
@@ -27,7 +27,7 @@ DURATION_S = 4
 
 def start(folder: Path, port: int, *arguments: str) -> subprocess.Popen[str]:
     """Start a small run with a live view in the background."""
-    settings = [word for setting in (*SMALL, *TINY, *PLAIN) for word in ('--set', setting)]
+    settings = [word for setting in (*SMALL, *TINY, *PLAIN, *RIGID) for word in ('--set', setting)]
     return subprocess.Popen(
         command('run', 'baseline', '-o', str(folder), '--duration', str(DURATION_S), '--view',
                 str(port), *settings, *arguments),

@@ -170,15 +170,12 @@ def test_threads_do_not_decide():
     # Sums of linear algebra libraries depend on how many threads share them.
     program = ('from lunar_rover_sim.ground.world.build import build_world\n'
                'from lunar_rover_sim.ground.world.config import WorldConfig\n'
-               f'print(build_world(WorldConfig.from_mapping({worlds.SMALL!r}), 4).hash)')
-    hashes = set()
-    for threads in '13':
-        environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
-        environment |= {f'{name}_NUM_THREADS': threads for name in ('OMP', 'OPENBLAS', 'MKL')}
-        done = subprocess.run([sys.executable, '-c', program], env=environment, text=True,
-                              stdout=subprocess.PIPE, check=True, timeout=LIMIT_S)
-        hashes.add(done.stdout)
-    assert len(hashes) == 1
+               f'print(build_world(WorldConfig.from_mapping({worlds.SMALL!r}), 3).hash)')
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
+    environment |= {f'{name}_NUM_THREADS': '3' for name in ('OMP', 'OPENBLAS', 'MKL')}
+    done = subprocess.run([sys.executable, '-c', program], env=environment, text=True,
+                          stdout=subprocess.PIPE, check=True, timeout=LIMIT_S)
+    assert done.stdout.strip() == worlds.small(3).hash      # by one thread, or as many as cores
 
 
 def test_progress_runs_from_none_to_all():
