@@ -40,10 +40,12 @@ class SeenTracks(NamedTuple):
     Attributes:
         lit: Of all tracks.
         raised: Of those near enough to have a shape of their own.
+        tiles: As `TrackMap.tiles`; a ray above others, which were seen before, does not mind them.
     """
 
     lit: F32 = _NOWHERE
     raised: F32 = _NOWHERE
+    tiles: NDArray[np.bool_] = NO_TRACKS.touched
 
 
 class GroundHeights(NamedTuple):
@@ -115,7 +117,8 @@ class Ground:
             return SeenTracks()
         tracks, seen = self._tracks, self._tracks.in_view(volume)
         return SeenTracks(_around(tracks.boxes[seen]),
-                          _around(tracks.boxes[seen & tracks.near & tracks.raised]))
+                          _around(tracks.boxes[seen & tracks.near & tracks.raised]),
+                          tracks.tiles(seen))
 
     def depth(self, view: ViewNumbers, projection: Projection, tracks: SeenTracks,
               workers: Workers) -> F32:
@@ -142,7 +145,7 @@ class Ground:
              np.array([projection.near_m, projection.far_m, self._heights.steepest], np.float32),
              *self._heights[:3], relief.shape, relief.numbers,
              np.array([*view.middle, relief.reach_m], np.float32), bool(box[0] <= box[1]), box,
-             *arrays.of_shape)
+             arrays.windows, tracks.tiles, arrays.near, int(arrays.near_side[0]))
 
 
 def _steepest(grid: HeightGrid) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,11 +49,6 @@ class TrackArrays(NamedTuple):
     near_first: NDArray[np.int64]
     near_side: NDArray[np.int64]
     far: F32
-
-    @property
-    def of_shape(self) -> tuple[Any, ...]:
-        """What `ground.cast` takes."""
-        return self.windows, self.touched, self.near, int(self.near_side[0])
 
 
 NO_TRACKS = TrackArrays(
@@ -180,6 +175,13 @@ class TrackMap:
     def in_view(self, volume: ViewVolume) -> NDArray[np.bool_]:
         """Return (n,) whether a view may show a tile."""
         return self._full & volume.sees(self.boxes)
+
+    def tiles(self, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return (FAR_TILES, FAR_TILES) whether a tile is one of these, (n,), as `touched` is."""
+        result = np.zeros_like(self.arrays.touched)
+        x, y = (self.keys[which] % FAR_TILES).T
+        result[y, x] = True
+        return result
 
     def _draw_tile(self, k: int, near: bool) -> None:
         """Compute a tile anew if anything has changed that it shows, and write it."""

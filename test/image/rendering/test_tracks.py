@@ -8,6 +8,7 @@ import pytest
 
 from lunar_rover_sim.base.errors import RenderError
 from lunar_rover_sim.ground.regolith.overlay import CELL_M, Overlay
+from lunar_rover_sim.ground.regolith.tracks import press
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.image.rendering.config import DetailConfig
@@ -160,3 +161,22 @@ def test_tracks_stay_where_they_are_as_the_rover_drives_on():
         back = drawn.render(RoverPose(pose(x=-4.0, z=0.15, pitch_deg=25.0)), 0, LAYERS)
         assert not ((back.label == LABEL_DISTURBED) & (back.depth_m < 3.0)).any()
     np.testing.assert_array_equal(here.radiance, again.radiance)
+
+
+def test_tracks_that_were_seen_before_change_nothing(scene):
+    """Rays pass above prints that are below the image, and were drawn when they were in it."""
+    world, overlay = scene[0], Overlay()
+    for x, y in np.stack(np.meshgrid(np.arange(0.1, 0.6, 0.03), np.arange(-0.3, 0.4, 0.05)),
+                         axis=-1).reshape(-1, 2):
+        z = world.ground.height_at_point(x, y)
+        press(overlay, world.ground, (x, y, z + 0.012), (x, y, z - 0.01), 0.012, 0.5)
+    behind = RoverPose(pose(x=-0.5, z=0.15, pitch_deg=15.0))
+    states = [RoverPose(pose(x=x, y=0.04, z=0.088)) for x in np.arange(0.0, 0.2, 0.02)]
+    found = []
+    for before in ([behind], []):
+        with renderer(world) as drawn:
+            drawn.follow(overlay)
+            for state in before:
+                drawn.render(state, 0, ('depth',))
+            found.append([drawn.render(state, 0, ('depth',)).layer('depth') for state in states])
+    np.testing.assert_array_equal(*found)
