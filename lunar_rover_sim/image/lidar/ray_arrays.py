@@ -216,7 +216,7 @@ class RockHulls:
     def _tops_of(self, planes: Array, rock: int, x_m: Array, y_m: Array, half_m: float) -> Array:
         rocks = self.rocks
         N = planes[:, :3] @ self._R[rock].T
-        D = planes[:, 3] * rocks.diameter_m[rock] + N @ rocks.position_m[rock]
+        D = planes[:, 3] * self.arrays.diameter_m[rock] + N @ rocks.position_m[rock]
         # Over a cell, the part of n . x that x and y can take away at most.
         slack = half_m * np.abs(N[:, :2]).sum(axis=1)
         level = (N[:, 0, None, None] * x_m + N[:, 1, None, None] * y_m[:, None])
