@@ -52,7 +52,13 @@ _AROUND_TURNS = 6           # of a sixth of a circle each, where no way is seen
 _METRES_PER_RADIAN = 0.3    # weight of turning, where motion is looked at
 _LOOKAHEAD_SHARES, _ARC_POINTS = (1.0, 0.5, 0.25), 9    # of the pursuit near obstacles
 _CHECK_NS = 100_000_000
-_LET_DOWN_NS = NS_PER_S // 2    # of standing, in which legs that stand let a body down that rears
+_TILT_S = 2.0               # a few steps, over which the mean tilt is that of the ground
+_SLOPE_DEG = 8.0            # on which it turns on an arc, not on the spot, where there is room
+_LET_DOWN_NS = NS_PER_S // 2    # of going back, in which legs let a body down that rears
+_UNDO_SHARE = 0.7           # of the velocity at which it reared up
+_RATE_NS = 150_000_000      # over which the rate of the tilt is taken
+_REACTION_S = 0.25          # that legs need to turn round: so far ahead the tilt is foreseen
+_STEADY_SHARE = 0.55        # of tilt_limit_deg, up to which a rocking body is let alone
 _SETTLED_NS = NS_PER_S      # after which a walking body is at rest
 _NEARER_M = 0.3             # progress to the goal that counts
 _RECOVERED_M = 1.0          # nearer by this, earlier recoveries do not count any more
@@ -251,6 +257,9 @@ class Navigator:
         self._best_m, self._best_ns, self._recovered_m = math.inf, self._now_ns, math.inf
         self._missing_ns: int | None = None
         self._level_ns = self._let_down_ns = self._now_ns
+        self._tilts: deque[tuple[int, float]] = deque()
+        self._undo = 0.0, 0.0
+        self._mean_tilt, self._tilted_ns = 0.0, self._now_ns
 
     def update(self, stamp_ns: int, pose_ns: int | None, position_m: ArrayLike,
                orientation_wxyz: ArrayLike, grid: Traversability | None,
@@ -266,6 +275,16 @@ class Navigator:
             tilt_of_imu_deg: By accelerometer and gyroscope, which do not jump as an estimated
                 pose does; None: the tilt is that of the pose.
         """
+        command = self._decide(stamp_ns, pose_ns, position_m, orientation_wxyz, grid,
+                               tilt_of_imu_deg)
+        if command.status is not Status.LETTING_DOWN:
+            self._undo = (-_UNDO_SHARE * command.forward_mps,
+                          -_UNDO_SHARE * command.yaw_rate_radps)
+        return command
+
+    def _decide(self, stamp_ns: int, pose_ns: int | None, position_m: ArrayLike,
+                orientation_wxyz: ArrayLike, grid: Traversability | None,
+                tilt_of_imu_deg: float | None) -> NavigatorCommand:
         if self._start_ns is not None and stamp_ns < self._now_ns:
             self.reset()
         self._now_ns = stamp_ns
@@ -285,14 +304,15 @@ class Navigator:
         position = np.asarray(position_m, float)
         rotation = matrix_from_wxyz(orientation_wxyz)
         heading = math.atan2(rotation[1, 0], rotation[0, 0])
+        tilt = float(tilt_deg(rotation)) if tilt_of_imu_deg is None else tilt_of_imu_deg
+        self._note_tilt(tilt)
         missing = self._missing_depth(grid)
         if missing is not None:
-            return self._wait_for(missing, heading)
+            return self._let_down() or self._wait_for(missing, heading)
         self._missing_ns = None
         assert grid is not None
         if self._grid is None or grid.stamp_ns != self._grid.stamp_ns:
             self._seeing_heading = heading
-        tilt = float(tilt_deg(rotation)) if tilt_of_imu_deg is None else tilt_of_imu_deg
         self._note_place(position)
         self._note_motion(position, heading)
         if not self._is_far_known:
@@ -305,14 +325,11 @@ class Navigator:
         reached = self._reach(position, heading)
         if reached is not None:
             return reached
-        if tilt <= self._config.tilt_limit_deg:
-            self._level_ns = self._now_ns
-        elif self._now_ns - self._level_ns < _TILTED_NS:
-            self._let_down_ns = self._now_ns + _LET_DOWN_NS
-        elif self._back is None:
+        if self._now_ns - self._level_ns >= _TILTED_NS and self._back is None:
             return self._recover(Failure.TILT, f'tilted by {tilt:.0f} deg', position)
-        if self._now_ns < self._let_down_ns:
-            return _still(Status.LETTING_DOWN, 'the body has reared up')
+        reared = self._let_down()
+        if reared is not None:
+            return reared
         if self._back is not None:
             return self._go_back(position)
         if self._is_stuck():
@@ -327,6 +344,31 @@ class Navigator:
         if self._look is not None:
             return self._go_on_looking(position, heading)
         return self._stop_and_look(position, grid) or self._follow(position, heading, new_map)
+
+    # Tilt
+
+    def _note_tilt(self, tilt: float) -> None:
+        """Take note of a tilt [deg], and of whether the body rears up."""
+        now, limit = self._now_ns, self._config.tilt_limit_deg
+        self._tilts.append((now, tilt))
+        while len(self._tilts) > 1 and now - self._tilts[1][0] >= _RATE_NS:
+            self._tilts.popleft()
+        since, before = self._tilts[0]
+        part = 1.0 - math.exp(-(now - self._tilted_ns) * 1e-9 / _TILT_S)
+        self._mean_tilt += part * (tilt - self._mean_tilt)
+        self._tilted_ns = now
+        rise = (tilt - before) / ((now - since) * 1e-9) if now - since >= _RATE_NS else 0.0
+        if tilt <= limit:
+            self._level_ns = now
+        if now - self._level_ns < _TILTED_NS and (tilt > limit or (
+                tilt > _STEADY_SHARE * limit and tilt + _REACTION_S * rise > limit)):
+            self._let_down_ns = now + _LET_DOWN_NS
+
+    def _let_down(self) -> NavigatorCommand | None:
+        """Return the command to undo what made the body rear up; None where it does not."""
+        if self._now_ns >= self._let_down_ns:
+            return None
+        return NavigatorCommand(*self._undo, Status.LETTING_DOWN, 'the body has reared up')
 
     # Far goals
 
@@ -565,7 +607,7 @@ class Navigator:
             self._discs.append(Disc(float(position[0]) + ahead * math.cos(heading),
                                     float(position[1]) + ahead * math.sin(heading),
                                     _BUMP_RADIUS_M, Ground.BUMP, self._now_ns + _REMEMBERED_NS))
-        self._look = None
+        self._look, self._let_down_ns = None, self._now_ns
         if way < _LEAST_BACK_M:
             return self._plan_again()
         self._back = self._now_ns, position.copy(), way, text
@@ -674,14 +716,27 @@ class Navigator:
         for share in _LOOKAHEAD_SHARES:
             ahead = share * self._config.lookahead_m
             steering = self._pursuit.update(position, heading, ahead)
+            if steering.forward_mps <= 0.0 and not steering.done:
+                return self._on_an_arc(planner, position, heading, steering)
             left = max(self._pursuit.route.length_m - steering.along_m, 0.0)
-            if steering.forward_mps <= 0.0 or planner.is_clear(
+            if steering.done or planner.is_clear(
                     _arc(position, heading, steering, min(ahead, left))):
                 return steering
         if abs(steering.heading_error_rad) < _ALIGNED_RAD:
             return None
-        return dataclasses.replace(steering, forward_mps=0.0, yaw_rate_radps=math.copysign(
-            self._config.max_yaw_rate_radps, steering.heading_error_rad))
+        return self._on_an_arc(planner, position, heading, dataclasses.replace(
+            steering, forward_mps=0.0, yaw_rate_radps=math.copysign(
+                self._config.max_yaw_rate_radps, steering.heading_error_rad)))
+
+    def _on_an_arc(self, planner: Planner, position: Array, heading: float,
+                   turn: Steering) -> Steering:
+        """Return a turn on the spot; on a slope, where there is room, on an arc."""
+        if self._mean_tilt < _SLOPE_DEG:
+            return turn
+        arc = dataclasses.replace(turn, forward_mps=self._config.speed_mps)
+        length = self._config.speed_mps * abs(turn.heading_error_rad / turn.yaw_rate_radps)
+        clear = planner.is_clear(_arc(position, heading, arc, length))
+        return arc if clear else turn
 
     def _replan(self, position: Array, heading: float,
                 new_map: bool) -> NavigatorCommand | None:

@@ -54,10 +54,10 @@ class Rover:
         return self.commands[-1]
 
 
-def made(cost, goal=(2.0, 0.0), **values):
+def made(cost, goal=(2.0, 0.0), x=-2.0, **values):
     config = NavigatorConfig(**{'has_goal': True, 'goal_x_m': goal[0], 'goal_y_m': goal[1],
                                 'start_delay_s': 0.0, **values})
-    return Rover(Navigator(config, RADIUS_M, 25.6), cost)
+    return Rover(Navigator(config, RADIUS_M, 25.6), cost, x)
 
 
 def test_it_arrives_around_a_wall():
@@ -180,26 +180,68 @@ def test_tilt_backs_off_and_a_rover_on_its_side_gives_up():
     rover = made(ground())
     rover.step()
     rover.pitch = np.radians(35.0)
-    assert rover.step().forward_mps >= 0.0      # a step rocks the body
-    assert min(rover.step().forward_mps for _ in range(10)) < 0.0
+    assert rover.step().status is not Status.BACKING    # a step rocks the body
+    assert Status.BACKING in {rover.step().status for _ in range(10)}
     rover.pitch = np.radians(80.0)
     assert rover.step().failure is Failure.TILT
 
 
 def test_a_body_that_rears_up_is_let_down_before_it_backs_off():
-    """It stands at once, and half a second longer than the body is up."""
+    """It undoes its last motion at once, and half a second longer than the body is up."""
     rover = made(ground())
     for _ in range(20):
-        rover.step()
+        before = rover.step()
     rover.pitch = -0.6
     reared = [rover.step() for _ in range(3)]
     rover.pitch = 0.0
     after = [rover.step() for _ in range(8)]
     assert {command.status for command in reared} == {Status.LETTING_DOWN}
-    assert all(c.forward_mps == 0.0 and c.yaw_rate_radps == 0.0 for c in reared)
+    assert before.forward_mps > 0.1
+    assert all(-before.forward_mps < c.forward_mps < 0.0 for c in reared)
     assert [c.status for c in after] == [Status.LETTING_DOWN] * 4 + [Status.FOLLOWING] * 4
     assert rover.navigator.backed_off == 0
     assert rover.drive().status == Status.ARRIVED
+
+
+def test_a_body_that_will_rear_up_is_let_down_before_it_does():
+    """Legs need a quarter of a second to turn round: at 40 deg/s that is 10 deg too much."""
+    rover = made(ground())
+    for _ in range(20):
+        rover.step()
+    for tilt in (12.0, 16.0, 20.0):
+        rover.pitch = -np.radians(tilt)
+        command = rover.step()
+    assert command.status is Status.LETTING_DOWN
+
+
+def test_a_body_that_rocks_is_let_alone():
+    rover = made(ground())
+    for k in range(100):
+        rover.pitch = -np.radians(11.0 + 10.0 * np.sin(0.4 * k))
+        assert rover.step().status in (Status.FOLLOWING, Status.LOOKING)
+
+
+def test_a_body_that_rears_up_in_the_dark_is_let_down_too():
+    rover = made(ground())
+    for _ in range(20):
+        rover.step()
+    seen = rover.seen
+    for _ in range(20):
+        before = rover.step(grid=seen)
+    assert before.status is Status.WAITING
+    rover.pitch = -0.6
+    assert rover.step(grid=seen).status is Status.LETTING_DOWN
+
+
+@pytest.mark.parametrize('pitch, walls, on_the_spot', [
+    (0.0, (), True), (-0.23, (), False), (-0.23, ((0.4, 0.6, -1.5, 1.5),), True)])
+def test_on_a_slope_it_turns_on_an_arc_where_there_is_room(pitch, walls, on_the_spot):
+    """Turning on the spot, on 13 deg of soft ground, raised the body to 45 deg."""
+    rover = made(ground(*walls), goal=(-3.0, 0.0), x=0.0, border_m=0.0, start_delay_s=5.0)
+    rover.pitch = pitch
+    assert rover.drive(100.0).status == Status.ARRIVED
+    spot = [c for c in rover.commands if c.yaw_rate_radps and not c.forward_mps]
+    assert (len(spot) > 20) == on_the_spot
 
 
 def test_without_a_pose_it_stands_at_once_and_gives_up_as_lost():
