@@ -277,9 +277,9 @@ class Navigator:
         """
         command = self._decide(stamp_ns, pose_ns, position_m, orientation_wxyz, grid,
                                tilt_of_imu_deg)
-        if command.status is not Status.LETTING_DOWN:
-            self._undo = (-_UNDO_SHARE * command.forward_mps,
-                          -_UNDO_SHARE * command.yaw_rate_radps)
+        velocity = command.forward_mps, command.yaw_rate_radps
+        if command.status is not Status.LETTING_DOWN and any(velocity):
+            self._undo = -_UNDO_SHARE * velocity[0], -_UNDO_SHARE * velocity[1]
         return command
 
     def _decide(self, stamp_ns: int, pose_ns: int | None, position_m: ArrayLike,

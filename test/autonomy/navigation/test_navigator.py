@@ -214,6 +214,16 @@ def test_a_body_that_will_rear_up_is_let_down_before_it_does():
     assert command.status is Status.LETTING_DOWN
 
 
+def test_a_body_that_stays_up_is_let_down_by_going_back_not_by_standing():
+    """One stood at 33 deg, with no room behind it, until it gave up."""
+    rover = made(ground((-2.6, -2.45, -1.0, 1.0)))
+    for _ in range(10):
+        rover.step()
+    rover.pitch = -0.6
+    commands = [rover.step() for _ in range(30)]
+    assert sum(c.forward_mps < 0.0 for c in commands) > 20
+
+
 def test_a_body_that_rocks_is_let_alone():
     rover = made(ground())
     for k in range(100):
