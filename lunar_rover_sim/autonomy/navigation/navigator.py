@@ -19,6 +19,7 @@ from lunar_rover_sim.autonomy.navigation.config import NavigatorConfig
 from lunar_rover_sim.autonomy.navigation.global_plan import GlobalPlan, GroundCosts
 from lunar_rover_sim.autonomy.navigation.overview import Overview
 from lunar_rover_sim.autonomy.navigation.planner import Disc, Ground, Plan, Planner
+from lunar_rover_sim.autonomy.navigation.rearing import Rearing
 from lunar_rover_sim.autonomy.navigation.traversability import LETHAL, Traversability
 from lunar_rover_sim.autonomy.path_following.config import DriveConfig
 from lunar_rover_sim.autonomy.path_following.driver import PurePursuit, Steering
@@ -34,7 +35,6 @@ _TURN_IN_PLACE_DEG = 60.0   # error of heading above which the rover turns in pl
 _WAYPOINT_M = 0.4           # a waypoint before the last is reached at this distance
 _PLAN_NS = NS_PER_S         # from plan to plan; at once where the way is blocked
 _LOOK_AHEAD_M, _LOOK_UNKNOWN_M = 1.1, 0.15  # so far a plan is known, but for this, or it looks
-_TILTED_NS = 600_000_000    # a step rocks the body: a tilt that counts lasts longer
 _TIPPED_DEG = 65.0          # tilt at which it gives up
 _STUCK_M = 0.12             # least motion within stuck_time_s
 _FACING_RAD = math.radians(12.0)
@@ -52,13 +52,7 @@ _AROUND_TURNS = 6           # of a sixth of a circle each, where no way is seen
 _METRES_PER_RADIAN = 0.3    # weight of turning, where motion is looked at
 _LOOKAHEAD_SHARES, _ARC_POINTS = (1.0, 0.5, 0.25), 9    # of the pursuit near obstacles
 _CHECK_NS = 100_000_000
-_TILT_S = 2.0               # a few steps, over which the mean tilt is that of the ground
 _SLOPE_DEG = 8.0            # on which it turns on an arc, not on the spot, where there is room
-_LET_DOWN_NS = NS_PER_S // 2    # of going back, in which legs let a body down that rears
-_UNDO_SHARE = 0.7           # of the velocity at which it reared up
-_RATE_NS = 150_000_000      # over which the rate of the tilt is taken
-_REACTION_S = 0.25          # that legs need to turn round: so far ahead the tilt is foreseen
-_STEADY_SHARE = 0.55        # of tilt_limit_deg, up to which a rocking body is let alone
 _SETTLED_NS = NS_PER_S      # after which a walking body is at rest
 _NEARER_M = 0.3             # progress to the goal that counts
 _RECOVERED_M = 1.0          # nearer by this, earlier recoveries do not count any more
@@ -256,10 +250,7 @@ class Navigator:
         self._recoveries = 0
         self._best_m, self._best_ns, self._recovered_m = math.inf, self._now_ns, math.inf
         self._missing_ns: int | None = None
-        self._level_ns = self._let_down_ns = self._now_ns
-        self._tilts: deque[tuple[int, float]] = deque()
-        self._undo = 0.0, 0.0
-        self._mean_tilt, self._tilted_ns = 0.0, self._now_ns
+        self._rearing = Rearing(self._config.tilt_limit_deg, self._now_ns)
 
     def update(self, stamp_ns: int, pose_ns: int | None, position_m: ArrayLike,
                orientation_wxyz: ArrayLike, grid: Traversability | None,
@@ -277,9 +268,8 @@ class Navigator:
         """
         command = self._decide(stamp_ns, pose_ns, position_m, orientation_wxyz, grid,
                                tilt_of_imu_deg)
-        velocity = command.forward_mps, command.yaw_rate_radps
-        if command.status is not Status.LETTING_DOWN and any(velocity):
-            self._undo = -_UNDO_SHARE * velocity[0], -_UNDO_SHARE * velocity[1]
+        if command.status is not Status.LETTING_DOWN:
+            self._rearing.note_motion(command.forward_mps, command.yaw_rate_radps)
         return command
 
     def _decide(self, stamp_ns: int, pose_ns: int | None, position_m: ArrayLike,
@@ -305,7 +295,7 @@ class Navigator:
         rotation = matrix_from_wxyz(orientation_wxyz)
         heading = math.atan2(rotation[1, 0], rotation[0, 0])
         tilt = float(tilt_deg(rotation)) if tilt_of_imu_deg is None else tilt_of_imu_deg
-        self._note_tilt(tilt)
+        self._rearing.note_tilt(stamp_ns, tilt)
         missing = self._missing_depth(grid)
         if missing is not None:
             return self._let_down() or self._wait_for(missing, heading)
@@ -325,7 +315,7 @@ class Navigator:
         reached = self._reach(position, heading)
         if reached is not None:
             return reached
-        if self._now_ns - self._level_ns >= _TILTED_NS and self._back is None:
+        if self._rearing.lasts(stamp_ns) and self._back is None:
             return self._recover(Failure.TILT, f'tilted by {tilt:.0f} deg', position)
         reared = self._let_down()
         if reared is not None:
@@ -344,31 +334,6 @@ class Navigator:
         if self._look is not None:
             return self._go_on_looking(position, heading)
         return self._stop_and_look(position, grid) or self._follow(position, heading, new_map)
-
-    # Tilt
-
-    def _note_tilt(self, tilt: float) -> None:
-        """Take note of a tilt [deg], and of whether the body rears up."""
-        now, limit = self._now_ns, self._config.tilt_limit_deg
-        self._tilts.append((now, tilt))
-        while len(self._tilts) > 1 and now - self._tilts[1][0] >= _RATE_NS:
-            self._tilts.popleft()
-        since, before = self._tilts[0]
-        part = 1.0 - math.exp(-(now - self._tilted_ns) * 1e-9 / _TILT_S)
-        self._mean_tilt += part * (tilt - self._mean_tilt)
-        self._tilted_ns = now
-        rise = (tilt - before) / ((now - since) * 1e-9) if now - since >= _RATE_NS else 0.0
-        if tilt <= limit:
-            self._level_ns = now
-        if now - self._level_ns < _TILTED_NS and (tilt > limit or (
-                tilt > _STEADY_SHARE * limit and tilt + _REACTION_S * rise > limit)):
-            self._let_down_ns = now + _LET_DOWN_NS
-
-    def _let_down(self) -> NavigatorCommand | None:
-        """Return the command to undo what made the body rear up; None where it does not."""
-        if self._now_ns >= self._let_down_ns:
-            return None
-        return NavigatorCommand(*self._undo, Status.LETTING_DOWN, 'the body has reared up')
 
     # Far goals
 
@@ -593,6 +558,12 @@ class Navigator:
 
     # Backing off
 
+    def _let_down(self) -> NavigatorCommand | None:
+        """Return the command that lets the body down; None where it has not reared up."""
+        velocity = self._rearing.let_down(self._now_ns)
+        return None if velocity is None else NavigatorCommand(
+            *velocity, Status.LETTING_DOWN, 'the body has reared up')
+
     def _recover(self, why: Failure, text: str, position: Array) -> NavigatorCommand:
         self._recoveries += 1
         if self._recoveries > self._config.recoveries:
@@ -607,7 +578,8 @@ class Navigator:
             self._discs.append(Disc(float(position[0]) + ahead * math.cos(heading),
                                     float(position[1]) + ahead * math.sin(heading),
                                     _BUMP_RADIUS_M, Ground.BUMP, self._now_ns + _REMEMBERED_NS))
-        self._look, self._let_down_ns = None, self._now_ns
+        self._look = None
+        self._rearing.end(self._now_ns)
         if way < _LEAST_BACK_M:
             return self._plan_again()
         self._back = self._now_ns, position.copy(), way, text
@@ -624,7 +596,7 @@ class Navigator:
     def _plan_again(self) -> NavigatorCommand:
         self._back = self._planned_ns = self.plan = self._pursuit = None
         self._history.clear()
-        self._level_ns = self._now_ns
+        self._rearing.begin_anew(self._now_ns)
         return _still(Status.FOLLOWING, 'plans again')
 
     # Looking
@@ -731,7 +703,7 @@ class Navigator:
     def _on_an_arc(self, planner: Planner, position: Array, heading: float,
                    turn: Steering) -> Steering:
         """Return a turn on the spot; on a slope, where there is room, on an arc."""
-        if self._mean_tilt < _SLOPE_DEG:
+        if self._rearing.mean_deg < _SLOPE_DEG:
             return turn
         arc = dataclasses.replace(turn, forward_mps=self._config.speed_mps)
         length = self._config.speed_mps * abs(turn.heading_error_rad / turn.yaw_rate_radps)
