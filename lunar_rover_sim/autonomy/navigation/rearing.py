@@ -1,7 +1,7 @@
 """A body that rears up on soft ground, where legs dig in as it turns, and how it is let down.
 
 Legs that only stand do not let it down: on rough ground it went on from 28 to 46 degrees, and once
-over. What raised it is undone while it is up; then it stands. The same calls give the same answers.
+over. What raised it is undone while it is up; then it stands. It reads no clock.
 """
 
 from __future__ import annotations
