@@ -77,7 +77,7 @@ class TraversabilityConfig(Parameters):
                               'whichever is less', unit='m', low=0.0, high=2.0)
     max_slope_deg: float = param(16.0, 'slope that it must not cross', unit='deg', low=1.0,
                                  high=60.0)
-    fill_cells: int = param(2, 'holes of a map up to twice as wide are filled from their '
+    fill_cells: int = param(3, 'holes of a map up to twice as wide are filled from their '
                             'edges', unit='cells', low=0, high=10)
 
 

@@ -28,7 +28,7 @@ Index = NDArray[np.int64]
 
 _STEP_CELLS = 8             # by which the map rolls
 _JUMP_M, _MOST_MPS = 0.5, 1.0   # a pose that jumps by more, beyond this speed, begins the map anew
-_LEAST_HITS = 2             # frames that must have seen a cell before it is known
+_LEAST_HITS = 3             # frames that must have seen a cell before it is known
 _CONTRADICTIONS = 4         # frames in a row that contradict a cell before it takes their height
 _LEAST_SHARE = 0.005        # of the pixels, or points, that renew the map: a covered lens does not
 _RANGE_STDDEV_M = 0.01      # error of a range that does not grow with it: LiDAR, or calibration

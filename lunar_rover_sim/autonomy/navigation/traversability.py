@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -85,7 +86,7 @@ class Traversability:
     cost: NDArray[np.int8]
 
 
-def traversability(elevation: Elevation, limits: Limits, fill_cells: int = 2,
+def traversability(elevation: Elevation, limits: Limits, fill_cells: int = 3,
                    eye_m: ArrayLike | None = None) -> Traversability:
     """Return the cost of each cell of a map.
 
@@ -101,8 +102,11 @@ def traversability(elevation: Elevation, limits: Limits, fill_cells: int = 2,
     part = _known_part(elevation, fill_cells)
     if part[0].stop > part[0].start:
         heights, error = elevation.height_m[part], np.sqrt(elevation.variance_m2[part])
+        side = 2 * fill_cells + 1
+        within = cv2.morphologyEx(np.isfinite(heights).astype(np.uint8), cv2.MORPH_CLOSE,
+                                  np.ones((side, side), np.uint8))
         for _ in range(fill_cells):
-            heights, error = _filled(heights, error)
+            heights, error = _filled(heights, error, within)
         half = max(1, round(0.5 * limits.window_m / cell))
         _write_costs(heights, error, cell, half, limits.step_m, limits.slope, limits.roughness_m,
                      grid[part])
@@ -146,13 +150,13 @@ def _with_hidden(grid, eye_row, eye_column, reach):
 
 
 @compiled
-def _filled(heights, error):
-    """Return heights whose small holes have the mean of the known cells around, and errors."""
+def _filled(heights, error, within):
+    """Return heights whose holes, where within is 1, have means of known neighbours, and errors."""
     filled, errors = heights.copy(), error.copy()
     rows, columns = heights.shape
     for r in range(rows):
         for c in range(columns):
-            if math.isfinite(heights[r, c]):
+            if not within[r, c] or math.isfinite(heights[r, c]):
                 continue
             count, height, wrong = 0, 0.0, 0.0
             for i in range(max(r - 1, 0), min(r + 2, rows)):
@@ -161,7 +165,7 @@ def _filled(heights, error):
                         count += 1
                         height += heights[i, j]
                         wrong += error[i, j]
-            if count >= 4:
+            if count >= 3:      # at a straight edge
                 filled[r, c], errors[r, c] = height / count, wrong / count
     return filled, errors
 
