@@ -102,9 +102,10 @@ def traversability(elevation: Elevation, limits: Limits, fill_cells: int = 3,
     part = _known_part(elevation, fill_cells)
     if part[0].stop > part[0].start:
         heights, error = elevation.height_m[part], np.sqrt(elevation.variance_m2[part])
-        side = 2 * fill_cells + 1
-        within = cv2.morphologyEx(np.isfinite(heights).astype(np.uint8), cv2.MORPH_CLOSE,
-                                  np.ones((side, side), np.uint8))
+        # Between what is known; beyond the edge of it nothing is.
+        square = np.ones((2 * fill_cells + 1,) * 2, np.uint8)
+        within = cv2.erode(cv2.dilate(np.isfinite(heights).astype(np.uint8), square), square,
+                           borderType=cv2.BORDER_CONSTANT, borderValue=0)
         for _ in range(fill_cells):
             heights, error = _filled(heights, error, within)
         half = max(1, round(0.5 * limits.window_m / cell))

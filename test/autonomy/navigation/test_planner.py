@@ -158,8 +158,12 @@ def test_unknown_is_unknown_but_small_holes_are_filled():
     known = np.ones((64, 64), bool)
     known[20:22, 20:22] = False
     known[40:60, 40:60] = False
+    known[5:38, 30:36] = False      # a shadow
+    known[:, :4] = False            # what lies beyond what was seen
     cost = traversability(elevation(0.0, known), LIMITS).cost
     assert (cost[20:22, 20:22] == 0).all()
+    assert (cost[5:38, 30:36] == 0).all()
+    assert (cost[:, :4] == UNKNOWN).all()
     assert (cost[45:55, 45:55] == UNKNOWN).all()
     nothing = traversability(elevation(0.0, np.zeros((64, 64), bool)), LIMITS).cost
     assert (nothing == UNKNOWN).all()

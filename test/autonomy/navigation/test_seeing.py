@@ -176,7 +176,7 @@ def test_it_backs_off_only_over_ground_that_is_clear():
     def rearmost(*boxes):
         rover = Rover(Plain(*boxes), (6.0, 0.0), stuck_time_s=2.0, back_off_m=2.0)
         rover.yaw = np.pi               # it sees what is there, and turns its back to it
-        rover.drive(1.0)
+        rover.drive(1.5)
         rover.yaw = 0.0
         rover.drive(3.0)
         place = rover.at
