@@ -175,10 +175,11 @@ def test_it_backs_off_only_over_ground_that_is_clear():
     """Held by a rock that nobody sees, and let go; once with a wall 0.5 m behind its start."""
     def rearmost(*boxes):
         rover = Rover(Plain(*boxes), (6.0, 0.0), stuck_time_s=2.0, back_off_m=2.0)
-        rover.yaw = np.pi               # it sees what is there, and turns its back to it
-        rover.drive(1.5)
-        rover.yaw = 0.0
-        rover.drive(3.0)
+        for _ in range(20):             # it sees what is there, and turns its back to it
+            rover.x, rover.yaw = 0.3, np.pi
+            rover.tick()
+        rover.x = rover.y = rover.yaw = 0.0
+        rover.drive(4.0)
         place = rover.at
         while rover.tick().status is not Status.BACKING:
             rover.x, rover.y = place
