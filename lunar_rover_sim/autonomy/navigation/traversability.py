@@ -152,7 +152,7 @@ def _with_hidden(grid, eye_row, eye_column, reach):
 
 @compiled
 def _filled(heights, error, within):
-    """Return heights whose holes, where within is 1, have means of known neighbours, and errors."""
+    """Return heights whose holes within a mask have means of known neighbours, and errors."""
     filled, errors = heights.copy(), error.copy()
     rows, columns = heights.shape
     for r in range(rows):
