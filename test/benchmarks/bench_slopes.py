@@ -1,7 +1,7 @@
-"""Tilt of walks on slopes of soft ground: straight, in a tight arc, and turning on the spot.
+"""Tilt of walks on slopes of soft ground: straight, in arcs, and turning on the spot.
 
     python test/benchmarks/bench_slopes.py --slopes 8 13
-    python test/benchmarks/bench_slopes.py --slopes 15 18 20 --stand-above 28
+    python test/benchmarks/bench_slopes.py --slopes 13 --let-down-above 28
 """
 
 import argparse
@@ -9,28 +9,29 @@ import math
 
 import numpy as np
 
+from lunar_rover_sim.autonomy.navigation.rearing import Rearing
 from lunar_rover_sim.base.frames import matrix_from_wxyz, tilt_deg
 from lunar_rover_sim.judge.studies.walking import sloping_world, walk
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
 
-COMMANDS = ((0.12, 0.0), (0.045, 0.15), (0.0, 0.15))
-STAND_NS = 500_000_000
+COMMANDS = ((0.12, 0.0), (0.12, 0.15), (0.045, 0.15), (0.0, 0.15))
 
 
 def tilts(slope_deg: float, heading_deg: float, command: tuple[float, float],
-          duration_s: float, stand_above_deg: float) -> list[float]:
-    """Return the tilt [deg] at each state of a walk; it stands where the tilt is too high."""
+          duration_s: float, limit_deg: float) -> list[float]:
+    """Return the tilt [deg] at each state of a walk; a body above the limit is let down."""
     scenario = Scenario.load('baseline', [f'physics_node.start.yaw_deg={heading_deg}'])
-    found, until_ns = [], 0
+    found, rearing = [], Rearing(limit_deg, 0)
     world = sloping_world(slope_deg, 3.0)
     with Simulation(world, scenario.rover, scenario.physics_node) as walked:
         def say(controller, stamp_ns):
-            nonlocal until_ns
             found.append(float(tilt_deg(matrix_from_wxyz(walked.state.orientation_wxyz))))
-            if found[-1] > stand_above_deg:
-                until_ns = stamp_ns + STAND_NS
-            controller.set_velocity(*((0.0, 0.0) if stamp_ns < until_ns else command), stamp_ns)
+            rearing.note_tilt(stamp_ns, found[-1])
+            velocity = rearing.let_down(stamp_ns)
+            if velocity is None:
+                rearing.note_motion(*command)
+            controller.set_velocity(*(command if velocity is None else velocity), stamp_ns)
         walk(walked, scenario.gait_controller(), duration_s, say)
     return found
 
@@ -40,13 +41,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--slopes', nargs='+', type=float, default=[8.0, 13.0])
     parser.add_argument('--duration', type=float, default=20.0)
-    parser.add_argument('--stand-above', type=float, default=math.inf)
+    parser.add_argument('--let-down-above', type=float, default=math.inf)
     given = parser.parse_args()
     print('slope [deg] | heading [deg], 0 is uphill | m/s | rad/s | greatest tilt [deg]')
     for slope in given.slopes:
         for heading in (0.0, 90.0, 180.0):
             for command in COMMANDS:
-                found = tilts(slope, heading, command, given.duration, given.stand_above)
+                found = tilts(slope, heading, command, given.duration, given.let_down_above)
                 print(f'{slope:g} | {heading:g} | {command[0]:g} | {command[1]:g} | '
                       f'{np.max(found):.1f}', flush=True)
 
