@@ -9,19 +9,22 @@ import signal
 import click
 from click.core import ParameterSource
 
-from lunar_rover_sim.base.errors import SlamError
+from lunar_rover_sim.base.errors import ConfigError, SlamError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.results import json_text
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.slam import paper_of, paper_option, system_options
-from lunar_rover_sim.cli.terminal import Progress, say
+from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
 from lunar_rover_sim.judge.slam.benchmark import Cell, plan
 from lunar_rover_sim.judge.slam.benchmark import run as run_cells
 from lunar_rover_sim.judge.slam.benchmark import scenario_of
 from lunar_rover_sim.judge.slam.benchmark_report import write_report
-from lunar_rover_sim.judge.slam.drives import Judged, seeds_of
-from lunar_rover_sim.judge.slam.estimators import Estimator
+from lunar_rover_sim.judge.slam.drives import csv_of_drives, Judged, seeds_of
+from lunar_rover_sim.judge.slam.estimators import ANCHORED, Estimator, stock_program
 from lunar_rover_sim.judge.slam.seal import read_seal, scores, Seal
+from lunar_rover_sim.judge.slam.traverse import Condition, conditions, DARK, Named
+from lunar_rover_sim.judge.slam.traverse import run as run_condition
+from lunar_rover_sim.judge.slam.traverse import table
 from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS
 
 
@@ -44,9 +47,9 @@ from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS
 @click.option('--sealed', type=options.PATH, metavar='FILE', help='the drives of a seal, which '
               '`slam seal` wrote; recordings are compared with it, scores are in score.json')
 @system_options
-def benchmark(output: Path, scenarios: Sequence[str], sensors: Sequence[str], seeds: str,
-              duration: float, sweep: str, overrides: list[str], paper: Path | None, retry: bool,
-              workers: int, sealed: Path | None, estimator: Callable[[str], Estimator]) -> int:
+def drives(output: Path, scenarios: Sequence[str], sensors: Sequence[str], seeds: str,
+           duration: float, sweep: str, overrides: list[str], paper: Path | None, retry: bool,
+           workers: int, sealed: Path | None, estimator: Callable[[str], Estimator]) -> int:
     """Record drives, run an estimator on each, and make a table.
 
     Writes SYSTEM.md, .csv, .tex, .html and SYSTEM_drives.csv; of a sweep SYSTEM.png. The same call
@@ -85,6 +88,71 @@ def benchmark(output: Path, scenarios: Sequence[str], sensors: Sequence[str], se
     for line in (*report.findings, *report.files):
         say(line)
     return 0 if seal is None else _score(seal, [cell.judged(output) for cell in done], output)
+
+
+@options.command()
+@options.folder('folder of the benchmark; may hold part of it')
+@options.several('--distances', type=options.number('--distances', 1.0, unit='m'),
+                 default=(300.0, 1000.0), metavar='M...', help='of the goals')
+@options.several('--sites', type=options.number('--sites', 1, kind=int), default=(10, 3),
+                 metavar='N...', help='number of sites for each distance')
+@options.bounded('--first-seed', 1, kind=int, default=1001, help='seed of the first site')
+@options.several('--rates', type=options.number('--rates', 0.1, 200.0, 'Hz'), default=(0.5, 2.0),
+                 metavar='HZ...', help='of the images [Hz]')
+@options.several('--suns', default=('3', '6', '15', DARK), metavar='ELEVATION...',
+                 help=f'elevations of the sun [deg], or {DARK}: by the lamp of the rover')
+@click.option('--executable', type=options.PATH, metavar='PATH', help='of ORB-SLAM3, which runs '
+              'too then: its example programs, or a Python that has the wheel pyorbslam3')
+@click.option('--vocabulary', type=options.PATH, metavar='PATH', help='of ORB-SLAM3')
+@options.overrides()
+@click.option('--retry', is_flag=True, help='repeat what failed')
+@options.workers('drives at the same time; each keeps one to two cores busy')
+def traverse(output: Path, distances: Sequence[float], sites: Sequence[int], first_seed: int,
+             rates: Sequence[float], suns: Sequence[str], executable: Path | None,
+             vocabulary: Path | None, overrides: list[str], retry: bool, workers: int) -> int:
+    """Drive far over sites by the truth, and judge wheels, odometries and the anchored graph.
+
+    Writes traverse.md and traverse_drives.csv, and a folder for each distance, rate and sun, which
+    `slam seal` seals. The same call goes on. Start with few: all of it are 48 km.
+    """
+    if len(sites) != len(distances):
+        raise ConfigError(f'--sites: {len(sites)} numbers are not valid with {len(distances)} '
+                          'distances; valid is one for each')
+    systems = ('wheels', 'reference', 'graph', ANCHORED)
+    estimators = [Estimator(system) for system in systems]
+    if executable is not None or vocabulary is not None:
+        estimators.append(Estimator('orbslam3', program=stock_program(executable, 'stereo'),
+                                    vocabulary=vocabulary))
+    seeds = {}
+    for distance, count in zip(distances, sites):
+        seeds[distance] = range(first_seed, first_seed + count)
+        first_seed += count
+    todo = {condition: condition.cells(estimators, seeds[condition.distance_m], overrides)
+            for condition in conditions(distances, rates, suns)}
+    for cells in todo.values():
+        scenario_of(cells[0].drive)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    judged: list[Named] = []
+    with Progress('traverses', sum(map(len, todo.values()))) as progress:
+        for condition, cells in todo.items():
+            finished = len(judged)
+
+            def step(cell: Cell, text: str, condition: Condition = condition) -> None:
+                nonlocal finished
+                if text in ('done', 'kept'):
+                    finished += 1
+                    say(f'{condition.name} {_describe(cell)}')
+                progress(finished, note=f'{condition.name} {cell.name}: {text}')
+
+            judged += run_condition(condition, cells, output, output / 'maps', step, retry,
+                                    workers, run_cells)
+    text = table(judged)
+    for name, content in (('traverse.md', text),
+                          ('traverse_drives.csv', csv_of_drives(one for _, one in judged))):
+        atomic_write(output / name, content, SlamError)
+    print_markdown(text)
+    say(output / 'traverse.md')
+    return 0
 
 
 def _seal(path: Path) -> Seal:

@@ -26,6 +26,7 @@ class Entry(NamedTuple):
 
 
 GROUPS = {'bag': 'look into, check, hash, recover and export recordings',
+          'benchmark': 'simulate, run estimators, and judge them: tables with intervals',
           'calibrate': 'measure a map that a node uses',
           'dataset': 'look at, verify and describe a data set that `campaign` made',
           'evaluate': 'judge an estimated trajectory, a drive or its maps, or compare images',
@@ -34,7 +35,7 @@ GROUPS = {'bag': 'look into, check, hash, recover and export recordings',
           'validate': 'compare a part of the simulator with theory or published results',
           'world': 'build, inspect, picture and export terrains; sun and Earth over them'}
 # What the name of a group means without one of its members.
-DEFAULTS = {'evaluate': 'trajectory'}
+DEFAULTS = {'benchmark': 'drives', 'evaluate': 'trajectory'}
 
 COMMANDS = {
     'bag check': Entry('bag:check', 'whether a bag can be trusted; exits with 1 if not'),
@@ -48,8 +49,10 @@ COMMANDS = {
     'bag video': Entry('bag_video:video', 'a film of the drive: the rover from outside, left '
                        'image, disparity, pitch and slip'),
     'bag view': Entry('bag:view', 'play the bag in a browser, without ROS, until Ctrl-C'),
-    'benchmark': Entry('benchmark:benchmark',
-                       'simulate, run SLAM, and judge: a table over scenarios and sensors'),
+    'benchmark drives': Entry('benchmark:drives', 'simulate, run SLAM, and judge: a table over '
+                              'scenarios and sensors'),
+    'benchmark traverse': Entry('benchmark:traverse', 'far drives over sites: wheels, odometries '
+                                'and the graph on a map from orbit'),
     'calibrate gait': Entry('calibrate:gait',
                             'measure the map from velocity to gait on flat ground'),
     'campaign': Entry('campaign:campaign', 'record a data set of randomised episodes'),

@@ -46,8 +46,8 @@ WITHOUT = {
         'world build', 'world export', 'world preview',
         'calibrate gait'),
     'what it finds is a CSV, JSON or Markdown file': (
-        'benchmark', 'campaign', 'slam table', 'evaluate images', 'validate learning',
-        'validate locomotion', 'validate navigation', 'validate stereo',
+        'benchmark drives', 'benchmark traverse', 'campaign', 'slam table', 'evaluate images',
+        'validate learning', 'validate locomotion', 'validate navigation', 'validate stereo',
         'validate terramechanics', 'validate traverse'),
     'a person reads its table; Python has the numbers': (
         'validate imu', 'validate odometry', 'world sun'),

@@ -12,7 +12,8 @@ from lunar_rover_sim.cli.main import COMMANDS, load, main
 # What each command needs besides its output.
 WORDS = {
     'bag preview': ['bag'], 'bag video': ['bag'], 'bag recover': ['bag'], 'bag export': ['bag'],
-    'benchmark': [], 'calibrate gait': [], 'campaign': ['polar_suns'],
+    'benchmark drives': [], 'benchmark traverse': [], 'calibrate gait': [],
+    'campaign': ['polar_suns'],
     'dataset shards': ['dataset'], 'demo': [],
     'evaluate images': ['a', 'b'],
     'evaluate map': ['bag'], 'validate navigation': [],

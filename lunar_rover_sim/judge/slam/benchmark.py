@@ -29,7 +29,8 @@ from lunar_rover_sim.base.errors import LunarRoverSimError, SlamError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import BAG_FOLDER, lock
 from lunar_rover_sim.judge.slam.drives import CELLS, Drive, Judged, load, RESULT
-from lunar_rover_sim.judge.slam.estimators import Estimator
+from lunar_rover_sim.judge.slam.estimators import ANCHORED, Estimator
+from lunar_rover_sim.judge.slam.graph.anchor import Anchor
 from lunar_rover_sim.judge.slam.run_on_bag import run_on_bag, SlamResult
 from lunar_rover_sim.run.recording import record, Recording
 from lunar_rover_sim.run.resumable import record_once
@@ -58,6 +59,8 @@ class StepCounter:
 # The topics that estimators and their evaluation need.
 _RECORDED = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RIGHT_INFO,
              topics.TRUE_DEPTH, topics.ODOM, topics.IMU_RAW, topics.SCENARIO, topics.WORLD_HASH)
+# What wheels and graph need besides, where it is recorded.
+AIDED = (*_RECORDED, topics.WHEEL_ODOM, topics.SUN_SENSOR, topics.STAR_TRACKER, topics.SUN)
 _START_S = 300.0     # wall time that the nodes may take to start
 _SLOWEST = 60.0      # most wall time over simulated time
 
@@ -131,7 +134,8 @@ def plan(scenarios: Sequence[str], estimators: Sequence[Estimator], seeds: Seque
 
 def run(cells: Iterable[Cell], folder: Path, step: Step = lambda _cell, _text: None,
         retry: bool = False, jobs: int = 1,
-        recorder: Callable[..., Recording] = record) -> list[Cell]:
+        recorder: Callable[..., Recording] = record,
+        anchor_of: Callable[[Drive], Anchor | None] = lambda _drive: None) -> list[Cell]:
     """Do what is missing, and return all cells with their results.
 
     A cell that fails keeps its reason, and the others go on.
@@ -142,6 +146,7 @@ def run(cells: Iterable[Cell], folder: Path, step: Step = lambda _cell, _text: N
         retry: Do failed cells again.
         jobs: Drives that are recorded or judged at the same time.
         recorder: Records a drive; takes the arguments of `run.recording.record`.
+        anchor_of: Returns what finds the place of a drive on its site, for the graph.
 
     Raises:
         SlamError: If the folder cannot be written, holds cells of other settings, or another
@@ -165,7 +170,8 @@ def run(cells: Iterable[Cell], folder: Path, step: Step = lambda _cell, _text: N
     systems = sorted({cell.estimator.system for cell in cells})
     with _sequences(folder, systems) as sequences, ThreadPoolExecutor(jobs) as pool:
         pending = [pool.submit(_do_drive, of_drive, folder, sequences / drive.name, recorder, tell,
-                               retry, stop.is_set) for drive, of_drive in drives.items()]
+                               retry, stop.is_set, anchor_of)
+                   for drive, of_drive in drives.items()]
         try:
             ended, _ = wait(pending, return_when=FIRST_EXCEPTION)
             for future in ended:
@@ -189,7 +195,8 @@ class _Stopped(Exception):
 
 def _do_drive(cells: Sequence[Cell], folder: Path, sequence: Path,
               recorder: Callable[..., Recording], step: Step, retry: bool,
-              stop: Callable[[], bool]) -> list[Cell]:
+              stop: Callable[[], bool],
+              anchor_of: Callable[[Drive], Anchor | None]) -> list[Cell]:
     """Do what is missing of the cells of one drive, which share its recording.
 
     Args:
@@ -221,7 +228,7 @@ def _do_drive(cells: Sequence[Cell], folder: Path, sequence: Path,
                 if cell.estimator.format != exported:
                     shutil.rmtree(sequence, ignore_errors=True)
                     exported = cell.estimator.format
-                finished = _judge(cell, bag, sequence, folder, step, stop)
+                finished = _judge(cell, bag, sequence, folder, step, stop, anchor_of)
             except LunarRoverSimError as error:
                 finished = dataclasses.replace(cell, failed=True, result=SlamResult(
                     cell.estimator.system, cell.estimator.sensor, str(error)))
@@ -242,7 +249,7 @@ def _do_drive(cells: Sequence[Cell], folder: Path, sequence: Path,
 
 
 def _judge(cell: Cell, bag: Path, sequence: Path, folder: Path, step: Step,
-           stop: Callable[[], bool]) -> Cell:
+           stop: Callable[[], bool], anchor_of: Callable[[Drive], Anchor | None]) -> Cell:
     """Return the cell with what its estimator made of the recording."""
     work = cell_folder(folder, cell)
     shutil.rmtree(work, ignore_errors=True)
@@ -250,7 +257,8 @@ def _judge(cell: Cell, bag: Path, sequence: Path, folder: Path, step: Step,
     counter = StepCounter(lambda text: step(cell, text))
     return dataclasses.replace(cell, result=run_on_bag(
         bag, cell.estimator, work, step=counter.begin, advance=counter.advance,
-        kept_sequence=sequence, stop=stop))
+        kept_sequence=sequence, stop=stop,
+        anchor=anchor_of(cell.drive) if cell.estimator.system == ANCHORED else None))
 
 
 @contextmanager

@@ -1,6 +1,6 @@
-"""Estimators: the reference odometry, the graph, ORB-SLAM3 as a program, any other program.
+"""Estimators: wheels, the reference odometry, the graph, ORB-SLAM3 or another program.
 
-The graph reads a bag itself (`graph.from_bag`), the others an exported sequence.
+Wheels and graph read a bag themselves (`run_on_bag`), the others an exported sequence.
 
 ORB-SLAM3 (Campos et al., IEEE T-RO 37 (6), 2021) is the user's own stock build, run on an exported
 sequence. It writes stamps in ns or in seconds, and poses relative to the first keyframe: of the
@@ -34,7 +34,8 @@ from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS, settin
 from lunar_rover_sim.products.sequences.sensors import SensorSuite
 from lunar_rover_sim.run.child_process import Echo, executable, run_program
 
-SYSTEMS = ('reference', 'graph', 'orbslam3', 'command')
+SYSTEMS = ('reference', 'graph', 'orbslam3', 'command', 'wheels')
+ANCHORED = 'anchored'    # the graph on a map from orbit, where somebody gives it one
 _SLACK_S = 120.0         # for loading a vocabulary, and for the end
 _SLOWEST = 10.0          # wall time over sequence time
 _STAMP_NS = 2000         # how far a written stamp may be off
@@ -73,7 +74,7 @@ class Estimator:
     """A SLAM system with one sensor, and its options.
 
     Attributes:
-        system: `reference`, `graph`, `orbslam3` or `command`.
+        system: One of SYSTEMS, or ANCHORED.
         sensor: `mono`, `stereo`, `stereo-inertial` or `rgbd`.
         program, vocabulary: Files of ORB-SLAM3; a Python as the program is one that has the wheel
             `pyorbslam3`, and runs `WHEEL_PROGRAM`.
@@ -98,12 +99,13 @@ class Estimator:
     timeout_s: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, valid in (('system', SYSTEMS), ('sensor', SENSORS)):
+        for name, valid in (('system', (*SYSTEMS, ANCHORED)), ('sensor', SENSORS)):
             value = getattr(self, name)
             if value not in valid:
                 raise SlamError(f'{name}: {value!r} is not valid; {nearest(value, valid)}')
-        if self.system == 'graph' and self.sensor != 'stereo':
-            raise SlamError(f'sensor: {self.sensor!r} is not valid for the graph; valid is stereo')
+        if self.system in ('graph', ANCHORED, 'wheels') and self.sensor != 'stereo':
+            name = 'wheels' if self.system == 'wheels' else 'the graph'
+            raise SlamError(f'sensor: {self.sensor!r} is not valid for {name}; valid is stereo')
         if self.system == 'reference' and self.sensor not in ('mono', 'stereo'):
             raise SlamError(f'sensor: {self.sensor!r} is not valid for the reference; valid '
                             'are mono, stereo')
@@ -133,6 +135,8 @@ class Estimator:
     @property
     def poses_of(self) -> str:
         """Frame of the rover whose poses are estimated."""
+        if self.system == 'wheels':
+            return 'base'
         return self.frame or ('imu' if self.sensor == 'stereo-inertial' else 'left')
 
     def estimate(self, sequence: Path, suite: SensorSuite, folder: Path,

@@ -23,9 +23,10 @@ from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum, write_t
 from lunar_rover_sim.judge.evaluation.trajectory_plots import save_plots
 from lunar_rover_sim.judge.evaluation.trajectory_sources import trajectory_of_topic
 from lunar_rover_sim.judge.slam import euroc_reader
-from lunar_rover_sim.judge.slam.estimators import Estimate, Estimator, join
+from lunar_rover_sim.judge.slam.estimators import ANCHORED, Estimate, Estimator, join
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor
 from lunar_rover_sim.judge.slam.graph.from_bag import estimate as estimate_by_graph
+from lunar_rover_sim.judge.slam.graph.pose_graph import has_gtsam, MISSING
 from lunar_rover_sim.products.sequences.export import export, FORMATS
 from lunar_rover_sim.products.sequences.sensors import recorded_sensors, SensorSuite
 from lunar_rover_sim.rover.physics.state import TipOver
@@ -137,7 +138,11 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         suite = recorded_sensors(opened, kind.needs)
         messages = sum(opened.counts[opened.resolve(name)] for name in kind.needs + kind.uses
                        if opened.has(name))
-        if estimator.system == 'graph':
+        if estimator.system == 'wheels':
+            return _judge(bag, estimator, folder, truth, _wheels(opened), step, plots)
+        if estimator.system == ANCHORED and (anchor is None or not has_gtsam()):
+            raise SlamError('anchored: needs a map from orbit' if has_gtsam() else MISSING)
+        if estimator.system in ('graph', ANCHORED):
             outcome = _graph(opened, suite, step, advance, stop, anchor)
             return _judge(bag, estimator, folder, truth, outcome, step, plots)
     if not sequence.exists():
@@ -159,6 +164,18 @@ def _graph(bag: Bag, suite: SensorSuite, step: Step, advance: Callable[[], None]
     left = bag.resolve(topics.LEFT_IMAGE.name)
     step('estimating', bag.counts.get(left))
     return estimate_by_graph(bag, suite, advance, stop, anchor)
+
+
+def _wheels(bag: Bag) -> Estimate:
+    """Return wheel odometry at the stamps of the images."""
+    frames_ns = np.array([bag.stamp_ns(m) for m in bag.raw([topics.LEFT_INFO.name])], np.int64)
+    rolled = trajectory_of_topic(bag, topics.WHEEL_ODOM.name)
+    k = np.clip(np.searchsorted(rolled.stamps_ns, frames_ns), 1, len(rolled) - 1)
+    before, after = rolled.stamps_ns[k - 1], rolled.stamps_ns[k]
+    nearest = np.unique(np.where(frames_ns - before <= after - frames_ns, k - 1, k))
+    return Estimate(Trajectory(rolled.stamps_ns[nearest], rolled.positions_m[nearest],
+                               rolled.orientations_wxyz[nearest], 'wheels'),
+                    '', 'base', frames_ns, 0.0)
 
 
 def _judge(bag: Path, estimator: Estimator, folder: Path, truth: Trajectory, outcome: Estimate,
