@@ -133,6 +133,27 @@ def test_stereo_image_proc_agrees_with_our_disparities(size: str, distortion: st
         assert (abs(difference) < 1.0).mean() > 0.8
 
 
+def test_image_transport_decodes_our_compressed_images(tmp_path: Path, open_domain: int) -> None:
+    """Its `republish` makes raw images of `stereo/left/image_raw/compressed`, as ours are."""
+    needs('image_transport', 'compressed_image_transport', 'ros2run')
+    with beside('ros2', 'run', 'image_transport', 'republish', '--ros-args',
+                '-p', 'in_transport:=compressed', '-p', 'out_transport:=raw',
+                '-r', 'in/compressed:=stereo/left/image_raw/compressed', '-r', 'out:=decoded'):
+        bag = drive(tmp_path / 'run', '--duration', '1', '--real-time',
+                    '--set', 'physics_node.real_time_factor=0.1')
+    with open_bag(bag) as recorded:
+        decoded, raw = ({(m.header.stamp.sec, m.header.stamp.nanosec): m
+                         for _, _, m in recorded.messages([topic])}
+                        for topic in ('/decoded', '/stereo/left/image_raw'))
+    both = decoded.keys() & raw.keys()
+    assert len(both) >= 5
+    for stamp in both:
+        a, b = decoded[stamp], raw[stamp]
+        assert (a.encoding, a.width, a.height, a.header.frame_id) == (
+            b.encoding, b.width, b.height, b.header.frame_id)
+        assert np.abs(a.data.astype(int) - b.data).mean() < 3.0
+
+
 def test_rosbag2_knows_our_bags(request: pytest.FixtureRequest, peer: Any) -> None:
     """`ros2 bag info` counts as we do, `ros2 bag play` gives every message to a peer of ROS."""
     from rosgraph_msgs.msg import Clock
