@@ -84,7 +84,10 @@ def file_counts(bag: Path, told: Any) -> dict[str, int | None]:
     try:
         names = [PurePath(path).name for path in told['relative_file_paths']]
         listed = told.get('files') or []
-        entries = [(PurePath(entry['path']).name, entry['message_count']) for entry in listed]
+        # Of files that it has compressed, rosbag2 lists the names before that.
+        plain = {name.removesuffix(COMPRESSED): name for name in names}
+        entries = [(plain.get(name, name), entry['message_count']) for entry in listed
+                   for name in [PurePath(entry['path']).name.removesuffix(COMPRESSED)]]
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise BagError(f'{where}: the list of files cannot be read: '
                        f'{one_line(error)[:200]}') from None

@@ -201,10 +201,15 @@ def test_other_readers_understand_the_bag(tmp_path, items):
 
 @pytest.mark.parametrize('storage', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 def test_files_that_are_compressed_as_a_whole_are_read(tmp_path, items, storage):
-    """As by `ros2 bag record --compression-mode file`: bag.mcap.zstd."""
+    """As by `ros2 bag record --compression-mode file`: bag.mcap.zstd, once named bag.mcap."""
     path = synthetic.write_sqlite(tmp_path / 'bag', items, compression='zstd', storage=storage,
                                   mode=CompressionMode.FILE)
     assert [file.suffix for file in sorted(path.iterdir())] == ['.zstd', '.yaml']
+    metadata = path / 'metadata.yaml'
+    told = yaml.safe_load(metadata.read_text('utf-8'))
+    for entry in told['rosbag2_bagfile_information']['files']:
+        entry['path'] = entry['path'].removesuffix('.zstd')
+    metadata.write_text(yaml.safe_dump(told), 'utf-8')
     with open_bag(path) as bag:
         assert bag.message_count == len(items) == sum(1 for _ in bag.messages())
         assert bag.storage == ('mcap' if storage is StoragePlugin.MCAP else 'db3')

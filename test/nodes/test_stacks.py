@@ -179,11 +179,13 @@ def test_rosbag2_knows_our_bags(request: pytest.FixtureRequest, peer: Any) -> No
 def test_rosbag2_plays_with_a_clock_of_its_own(request: pytest.FixtureRequest,
                                                peer: Any) -> None:
     """Its clock tells the time of our stamps, for bags that were recorded without one."""
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
     from rosgraph_msgs.msg import Clock
 
     needs('ros2bag', 'rosbag2_storage_mcap')
     bag: Path = request.getfixturevalue('recorded_run') / 'bag'
-    clock = peer.listen(Clock, 'clock', 1000)
+    clock = peer.listen(Clock, 'clock', QoSProfile(
+        depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT))     # as it is played
     with beside('ros2', 'bag', 'play', str(bag), '--rate', '0.2', '--delay', '2', '--loop',
                 '--clock', '50', '--exclude-topics', '/clock'):
         peer.spin_until(lambda: len(clock) > 50)
