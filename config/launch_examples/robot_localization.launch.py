@@ -22,11 +22,7 @@ EKF = {
     # The attitude in the world, whenever the rover is still enough to see stars.
     'imu1': 'star_tracker/attitude',
     'imu1_config': [NO, NO, NO, YES, YES, YES, NO, NO, NO, NO, NO, NO, NO, NO, NO],
-    'imu1_remove_gravitational_acceleration': False,
-    # A second of what speeds and rates do not explain, of place and angles [m^2, rad^2]: by the
-    # defaults the place would be unknown by 10 m after 25 s. The rest are the defaults.
-    'process_noise_covariance': [1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5, 0.025, 0.025, 0.04, 0.01, 0.01,
-                                 0.02, 0.01, 0.01, 0.015]}
+    'imu1_remove_gravitational_acceleration': False}
 
 
 def generate_launch_description():
