@@ -72,7 +72,9 @@ def save_state(path: Path, state: Any) -> None:
     root = writer.reference(state)
     text = json.dumps({'format': _FORMAT, 'objects': writer.objects, 'root': root})
     tree = np.frombuffer(text.encode(), np.uint8)
-    atomic_write(path, lambda file: np.savez(file, tree=tree, **writer.arrays), ConfigError)
+    # Plans over far maps are large, and mostly one value.
+    atomic_write(path, lambda file: np.savez_compressed(file, tree=tree, **writer.arrays),
+                 ConfigError)
 
 
 def load_state(path: Path) -> Any:
@@ -107,7 +109,7 @@ class _Writer:
 
     def __init__(self) -> None:
         self.objects: list[tuple[str, Any]] = []
-        self.arrays: dict[str, np.ndarray] = {}
+        self.arrays: dict[str, Any] = {}
         self._numbers: dict[int, int] = {}      # by identity, of what `_held` keeps alive
         self._held: list[object] = []
 
