@@ -27,7 +27,7 @@ from lunar_rover_sim.rover.description import RoverDescription
 
 WIDTH, HEIGHT = 128, 96
 ERROR_PX, UNMATCHED, WRONG = 0.25, 0.14, 0.023
-_WRONG_PX = 12.0            # a wrong match is off by up to so much [px]
+WRONG_PX = 12.0             # a wrong match is off by up to so much [px]
 _PATCH = 6                  # of pixels here, that err together
 _ABOVE_M = 2e-3             # a ray to the sun starts this far from where it left
 _SHADOW_M = 12.0            # how far away what casts a shadow may be: 1.2 m high at 6 degrees
@@ -113,7 +113,7 @@ class SeenDepth:
         disparity = scale / image
         disparity += ERROR_PX * self._rng.standard_normal(image.shape)
         wrong = self._patches() < WRONG
-        disparity[wrong] += (_WRONG_PX * (2.0 * self._patches() - 1.0))[wrong]
+        disparity[wrong] += (WRONG_PX * (2.0 * self._patches() - 1.0))[wrong]
         lost = (self._patches() < UNMATCHED) | ~(disparity > 0.25)
         found = scale / np.where(lost, np.nan, disparity)
         return found.astype(np.float32)
