@@ -83,8 +83,7 @@ def test_an_evaluation_in_a_notebook() -> None:
 
 @pytest.mark.parametrize(('options', 'words'), [
     ([], ''), (['--max-ate', '0.1', '--min-tracked', '0.7'], ''),
-    (['--max-ate', '0.01'], 'at most 0.01 m'), (['--min-tracked', '1'], 'at least 1'),
-    (['--max-ate', 'nan'], 'at most nan m')])
+    (['--max-ate', '0.01'], 'at most 0.01 m'), (['--min-tracked', '1'], 'at least 1')])
 def test_a_bound_decides_the_exit(options: list[str], words: str, bag: Path, tmp_path: Path,
                                   capsys: pytest.CaptureFixture[str]) -> None:
     """Poses that jump to and fro by 4 cm, of all but the last fifth of the drive."""
