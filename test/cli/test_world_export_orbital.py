@@ -8,6 +8,7 @@ import pytest
 import rasterio
 import worlds
 
+from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
 from lunar_rover_sim.ground.world.world_folder import save_world
@@ -40,6 +41,12 @@ def test_other_programs_read_heights_photo_and_craters(moon: Path, tmp_path: Pat
     assert all(abs(v) < 70.0 for one in craters for v in one['geometry']['coordinates'])
     read = OrbitalMap.load(maps)
     assert read.height_at((-57.5, 57.5)) == heights[0, 0] and len(read.craters) == len(craters)
+    for wrong in (np.full_like(heights, np.nan), np.where(heights == heights.max(), np.inf,
+                                                          heights).astype(np.float32)):
+        with rasterio.open(maps / 'heights.tif', 'r+') as file:
+            file.write(wrong, 1)
+        with pytest.raises(WorldError, match='heights are infinite, or all missing'):
+            OrbitalMap.load(maps)
 
 
 @pytest.mark.parametrize('words, said', [

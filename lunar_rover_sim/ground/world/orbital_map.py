@@ -19,7 +19,7 @@ from rasterio.io import MemoryFile
 from rasterio.transform import from_origin
 
 from lunar_rover_sim.base.errors import brief, ConfigError, WorldError
-from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.atomic import atomic_write, partial_folder
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.parameters import param, Parameters
 
@@ -149,15 +149,18 @@ class OrbitalMap:
                 + tilt ** 2 * np.sum(a * b, axis=-1))
 
     def save(self, folder: Path) -> None:
-        """Write heights.tif, photo.tif, craters.geojson and orbital.json into a folder.
+        """Write heights.tif, photo.tif, craters.geojson, orbital.json into a folder, or nothing.
 
         Raises:
             WorldError: If one cannot be written.
         """
-        try:
+        with partial_folder(folder, WorldError) as there:
+            self._write(there)
             folder.mkdir(parents=True, exist_ok=True)
-        except OSError as reason:
-            raise WorldError(f'{folder}: {reason.strerror}') from None
+            for file in there.iterdir():
+                file.replace(folder / file.name)
+
+    def _write(self, folder: Path) -> None:
         tags = {'ground': self.name, 'error_seed': str(self.config.error_seed)}
         files: list[tuple[str, NDArray[Any], tuple[float, float], float, float]] = [
             (HEIGHTS_FILE, self.heights_m, self.first_m, self.pixel_m, math.nan)]
@@ -209,6 +212,9 @@ class OrbitalMap:
         except (KeyError, TypeError, ValueError, ConfigError) as reason:
             raise WorldError(f'{path}: is no description of orbital maps: {reason}') from None
         heights, first = _read_tif(folder / HEIGHTS_FILE, config.pixel_m, 'float32', origin)
+        if np.isinf(heights).any() or np.isnan(heights).all():
+            raise WorldError(f'{folder / HEIGHTS_FILE}: its heights are infinite, or all missing; '
+                             'valid are finite ones, and NaN where there are none')
         photo, photo_first = np.zeros((0, 0), np.uint8), (0.0, 0.0)
         if config.photo_pixel_m:
             photo, photo_first = _read_tif(folder / PHOTO_FILE, config.photo_pixel_m, 'uint8',

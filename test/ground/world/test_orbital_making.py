@@ -12,7 +12,7 @@ from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.orbital_making import orbital_map
-from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig
+from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig, OrbitalMap
 
 TRUE = OrbitalConfig(extent_m=300.0, photo_pixel_m=0.0, height_stddev_m=0.0, bias_stddev_m=0.0,
                      tilt_stddev_deg=0.0, crater_place_m=0.0, crater_size=0.0)
@@ -47,6 +47,18 @@ def test_errors_have_the_covariance_that_is_stated(world: World) -> None:
     found = off.T @ off / len(off)
     scale = np.sqrt(np.outer(np.diag(stated), np.diag(stated)))
     assert np.abs((found - stated) / scale).max() < 4.0 * np.sqrt(2.0 / len(off))
+
+
+def test_what_is_interrupted_leaves_nothing(world: World, tmp_path: Path,
+                                            monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(_: object) -> None:
+        raise KeyboardInterrupt
+
+    made = orbital_map(world, TRUE)
+    monkeypatch.setattr(OrbitalMap, '_features', interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        made.save(tmp_path / 'maps')
+    assert not list(tmp_path.iterdir())
 
 
 def test_files_are_read_by_others(world: World, tmp_path: Path) -> None:

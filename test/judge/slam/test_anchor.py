@@ -81,6 +81,8 @@ def test_what_cannot_be_used_is_one_line(tmp_path):
         Anchor(good, Doubt((500.0, 0.0), 50.0))
     with pytest.raises(SlamError, match='doubt: 0 m around'):
         Doubt((0.0, 0.0), 0.0)
+    with pytest.raises(SlamError, match='doubt: 100 m is not valid; valid is at most 60.2 .m. on'):
+        Anchor(good, Doubt((0.0, 0.0), 100.0))
     good.save(tmp_path / 'map')
     for words, said in (
             (['--near', '0,0'], '--near: needs --orbital'),

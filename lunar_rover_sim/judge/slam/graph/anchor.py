@@ -3,10 +3,11 @@
 One more pose of the graph is the site in the graph's map. In the beginning it is known to a
 radius of doubt. What the rover has seen of the relief is compared with the map's heights every few
 metres, first everywhere within the doubt, later around the estimate; where it fits, it becomes a
-factor between the site and the keyframe in the middle of what was seen. What does not fit is
-counted: by geometry where the heights differ by more than their errors, where other places are as
-likely, or where two looks in a row contradict each other; by covariance where it contradicts the
-graph. After some of these in a row the place is not known any more, and is looked for anew.
+factor between the site and the keyframe in the middle of what was seen. Where other places are as
+likely, or a wrong part of the map would fit as well, it is too early to tell. What does not fit is
+counted: by geometry where the heights differ by more than their errors, or where two looks in a
+row contradict each other; by covariance where it contradicts the graph. After some of these in a
+row the place is not known any more, and is looked for anew.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from scipy.stats import chi2
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.frames import Array, inverse, se3
 from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
-from lunar_rover_sim.judge.slam.graph.map_match import Match, match
+from lunar_rover_sim.judge.slam.graph.map_match import chance, LEAST_SIDE, Match, match
 from lunar_rover_sim.judge.slam.graph.pose_graph import PoseGraph
 from lunar_rover_sim.judge.slam.graph.relief import Cells, Relief
 
@@ -31,7 +32,8 @@ _SITE = 1 << 30             # key of the first pose of the site; one more after 
 _FIRST_M, _EVERY_M = 15.0, 5.0      # way before the first look, and between looks
 _MOST_M = 80.0              # of way whose relief is compared
 _STRETCH_M = 25.0           # of each look after the first fix
-_SURE_M, _OTHERS = 2.0, 1e-4        # a fix: largest deviation, and most share of other places
+# A fix: largest deviation, most share of other places, and how likely a wrong area fits as well.
+_SURE_M, _OTHERS, _CHANCE = 2.0, 1e-2, 0.01
 _AROUND_M = 4.0             # beyond three deviations, where it looks after the first fix
 _ROUGHER = 4.0              # residuals over those of the first fix, squared, that are believed
 _MOST_REFUSED = 3           # in a row, before the place is lost
@@ -67,13 +69,18 @@ class Anchor:
         """Begin without a fix.
 
         Raises:
-            SlamError: If the map does not hold what is within the doubt.
+            SlamError: If the map does not hold the place, or is small beside the doubt.
         """
         west, south, east, north = orbital.bounds_m
         (x, y), r = doubt.place_m, doubt.radius_m
         if not (west <= x <= east and south <= y <= north):
             raise SlamError(f'near: ({x:g}, {y:g}) m is not on the map from orbit, which reaches '
                             f'from ({west:g}, {south:g}) to ({east:g}, {north:g}) m')
+        if min(east - west, north - south) < LEAST_SIDE * r:
+            raise SlamError(f'doubt: {r:g} m is not valid; valid is at most '
+                            f'{min(east - west, north - south) / LEAST_SIDE:.3g} [m] on a map of '
+                            f'{east - west:g} x {north - south:g} m, whose other parts tell how '
+                            'well a wrong place may fit')
         self._orbital, self._radius_m = orbital, r
         height = float(np.nan_to_num(orbital.height_at([x, y])))
         self._shift_m = np.array([x, y, height])        # what is believed before it looks
@@ -155,7 +162,8 @@ class Anchor:
         if not found.fits:
             self.refused += 1
             return ''
-        if found.others > _OTHERS or found.sigma_m > _SURE_M:
+        if found.others > _OTHERS or found.sigma_m > _SURE_M or chance(
+                self._orbital, cells, self._shift_m[:2], self._radius_m, found.square) > _CHANCE:
             return ''       # not told yet
         self._seen_before = found, self._relief.way_m
         if before is None:

@@ -20,7 +20,7 @@ _FARTHEST_M = 8.0       # from the camera: the height of what lies farther says 
 _LEAST_POINTS = 6       # of a cell
 # Standard deviation of a height by stereo, and the share of the spread within a cell by which the
 # mean of the seen part of it is off that of the whole.
-_STEREO_M, _SEEN_PART = 0.05, 0.4
+_STEREO_M, _SEEN_PART = 0.025, 0.4
 
 
 class _Patch(NamedTuple):
