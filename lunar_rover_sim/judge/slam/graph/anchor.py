@@ -31,6 +31,7 @@ PLACES = LOOKING, FIXED, LOST, NOT_USED = 'looking', 'fixed', 'lost', 'not used'
 _SITE = 1 << 30             # key of the first pose of the site; one more after each loss
 _FIRST_M, _EVERY_M = 15.0, 5.0      # way before the first look, and between looks
 _MOST_M = 80.0              # of way whose relief is compared
+_MOST_CELL_M = 2.5          # side of what was seen: the way is not much wider
 _STRETCH_M = 25.0           # of each look after the first fix
 # A fix: largest deviation, most share of other places, and how likely a wrong area fits as well.
 _SURE_M, _OTHERS, _CHANCE = 2.0, 1e-2, 0.01
@@ -145,7 +146,7 @@ class Anchor:
             return ''
         self._next_m = self._relief.way_m + _EVERY_M
         cells = self._relief.cells(graph.poses() if poses is None else poses,
-                                   self._orbital.pixel_m)
+                                   min(self._orbital.pixel_m, _MOST_CELL_M))
         if cells is None:
             return ''
         self.looks += 1
