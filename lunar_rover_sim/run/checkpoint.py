@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Collection
 import dataclasses
-import hashlib
 import json
 from pathlib import Path
 import shutil
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.atomic import atomic_write, sync_folder
+from lunar_rover_sim.base.files.paths import file_hash
 
 CHECKPOINT_FOLDER = 'checkpoints'
 _MANIFEST = 'manifest.json'
@@ -51,7 +51,7 @@ class Checkpoint:
         """Return whether all that the manifest names is there as it was written."""
         try:
             told = json.loads((self.folder / _MANIFEST).read_text(encoding='utf-8'))
-            return all(_hash(self.folder / name) == value for name, value in told.items())
+            return all(file_hash(self.folder / name) == value for name, value in told.items())
         except (OSError, ValueError, AttributeError):
             return False
 
@@ -87,7 +87,7 @@ def seal(begun: Checkpoint) -> None:
         ConfigError: If it cannot be written.
     """
     parts = sorted(begun.folder.glob('*.npz'))
-    told = {part.name: _hash(part) for part in parts}
+    told = {part.name: file_hash(part) for part in parts}
     atomic_write(begun.folder / _MANIFEST, json.dumps(told, indent=1), ConfigError)
     try:
         begun.folder.rename(begun.folder.with_name(begun.folder.name.removesuffix(_PARTIAL)))
@@ -112,8 +112,3 @@ def clear(folder: Path, after_ns: int = -1) -> None:
 
 def _named(folder: Path) -> list[Checkpoint]:
     return [Checkpoint(path) for path in sorted(folder.glob('[0-9]' * _DIGITS)) if path.is_dir()]
-
-
-def _hash(path: Path) -> str:
-    with path.open('rb') as file:
-        return hashlib.file_digest(file, 'sha256').hexdigest()
