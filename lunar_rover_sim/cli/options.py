@@ -26,6 +26,7 @@ Check = Callable[[Path], None]
 PATH = click.Path(path_type=Path, readable=False)   # what cannot be read is told later
 _NUMBER = re.compile(r'-\.?\d')
 _OF_SCENARIO = 'NODE.PARAM=VALUE'
+_DOUBT_M = 50.0         # of the start, on a map from orbit
 WORDS = 'lunar_rover_sim.words'     # in the meta of a context: what follows the command
 # A quarter of the pixels.
 FAST = ('render_node.camera.width=320', 'render_node.camera.height=240')
@@ -336,10 +337,7 @@ def bounded(name: str, low: float, high: float = math.inf, *, help: str, metavar
 
 def at_place(help: str) -> Decorator:
     """Return the option --at X,Y."""
-    def parse(context: click.Context, param: click.Parameter, value: str | None) -> Any:
-        return None if value is None else place(value, '--at')
-
-    return click.option('--at', metavar='X,Y', callback=parse, help=help + ' [m]')
+    return click.option('--at', type=place_of('--at'), metavar='X,Y', help=help + ' [m]')
 
 
 def place(text: str, name: str = '') -> tuple[float, float]:
@@ -363,6 +361,36 @@ def place_of(name: str) -> Callable[[str], tuple[float, float]]:
     def convert(text: str) -> tuple[float, float]:
         return place(text, name)
     return convert
+
+
+def on_maps(system: str, unless: str = '') -> Decorator:
+    """Declare --orbital, --near and --doubt; see `checked_doubt`.
+
+    Args:
+        system: The option for which they are.
+        unless: What stands for --near without it.
+    """
+    def declared(function: Function) -> Function:
+        for option in (
+                bounded('--doubt', 1.0, 500.0, unit='m', metavar='M', show_default=False,
+                        help=f'with --orbital: radius around it; default: {_DOUBT_M:g}'),
+                click.option('--near', type=place_of('--near'), metavar='X,Y', help='with '
+                             '--orbital: a place that the start is near to [m]' + unless),
+                click.option('--orbital', type=PATH, metavar='DIR', help=f'with {system}: maps of '
+                             'the site from orbit, of `world export --orbital`; it finds its '
+                             'place on them')):
+            function = option(function)
+        return function
+    return declared
+
+
+def checked_doubt(orbital: Path | None, near: tuple[float, float] | None,
+                  doubt: float | None) -> float:
+    """Return the radius [m]; raise ConfigError for what is given without the maps."""
+    for name, value in (('--near', near), ('--doubt', doubt)):
+        if value is not None and orbital is None:
+            raise ConfigError(f'{name}: needs --orbital, the maps on which the place is')
+    return _DOUBT_M if doubt is None else doubt
 
 
 def window_of(folder: Path, at: tuple[float, float] | None) -> Any:

@@ -90,12 +90,7 @@ def _resume(context: click.Context, _param: click.Parameter, folder: Path | None
 @click.option('--slam', metavar='COMMAND', help='SLAM program to feed, with its '
               'arguments; it speaks the protocol of docs/reference/slam_protocol.md. Or graph: '
               'the odometry with a memory')
-@click.option('--orbital', type=options.PATH, metavar='DIR', help='with --slam graph: maps of the '
-              'site from orbit, of `world export --orbital`; it finds its place on them')
-@click.option('--near', type=options.place, metavar='X,Y', help='with --orbital: a place that the '
-              'start is near to [m] (default: the start)')
-@options.bounded('--doubt', 1.0, 500.0, unit='m', default=50.0, metavar='M',
-                 help='with --orbital: radius around it')
+@options.on_maps('--slam graph', unless=' (default: the start)')
 @click.option('--view', type=int, is_flag=False, flag_value=VIEW_PORT, metavar='[PORT]',
               help='show the run in a browser while it goes on, at this port of this machine '
               f'(default: {VIEW_PORT}); Foxglove and Lichtblick may connect to it too')
@@ -110,7 +105,7 @@ def _resume(context: click.Context, _param: click.Parameter, folder: Path | None
 def run(scenario: str, output: Path, duration: float | None, seed: int | None, real_time: bool,
         world: Path | None, domain: int | None, join: bool, goal: tuple[float, float] | None,
         route: str | list[tuple[float, float]] | None, avoid: bool, slam: str | None,
-        orbital: Path | None, near: tuple[float, float] | None, doubt: float,
+        orbital: Path | None, near: tuple[float, float] | None, doubt: float | None,
         view: int | None, allow_origin: Sequence[str], teleop: bool,
         policy: str | None, max_bag_size: int | None, overrides: list[str]) -> int:
     """Simulate a scenario with all its nodes and record it to rosbag2."""
@@ -142,10 +137,9 @@ def run(scenario: str, output: Path, duration: float | None, seed: int | None, r
         chosen = replaced(chosen, {'run.duration_s': navigated_duration_s(chosen)})
     if orbital is not None and slam is None:
         raise ConfigError('--orbital: needs --slam graph')
-    if near is not None and orbital is None:
-        raise ConfigError('--near: needs --orbital, the maps on which it is')
+    doubt_m = options.checked_doubt(orbital, near, doubt)
     if slam is not None:
-        chosen = with_slam(chosen, slam, orbital, near, doubt)
+        chosen = with_slam(chosen, slam, orbital, near, doubt_m)
     if world is None:
         with Progress('building the world'):
             chosen.world_folder()

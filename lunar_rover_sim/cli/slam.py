@@ -38,8 +38,6 @@ _sensor = click.option('--sensor', type=options.Choice(SENSORS), default='stereo
                        help='input of the program')
 _file = options.output(check_file, 'FILE', 'file to write; must not exist')
 
-_DOUBT_M = 50.0
-
 
 def paper_option(function: options.Function) -> options.Function:
     """Declare --paper, published numbers; see `paper_of`."""
@@ -128,12 +126,7 @@ def settings(source: str, output: Path, sensor: str, features: int,
 @_sensor
 @click.option('--keep-sequence', is_flag=True, help='keep the exported images')
 @click.option('--quiet', is_flag=True, help='do not show the log of the program')
-@click.option('--orbital', type=options.PATH, metavar='DIR', help='with --system graph: maps of '
-              'the site from orbit, of `world export --orbital`; it finds its place on them')
-@click.option('--near', type=options.place_of('--near'), metavar='X,Y',
-              help='with --orbital: a place that the start is near to [m]')
-@options.bounded('--doubt', 1.0, 500.0, unit='m', metavar='M', show_default=False,
-                 help=f'with --orbital: radius around it; default: {_DOUBT_M:g}')
+@options.on_maps('--system graph')
 @bounds
 @options.as_json
 @system_options
@@ -192,16 +185,14 @@ def run(bag: Path, output: Path, sensor: str, keep_sequence: bool, quiet: bool,
 
 def _anchor(system: Estimator, orbital: Path | None, near: tuple[float, float] | None,
             doubt_m: float | None) -> Anchor | None:
+    radius_m = options.checked_doubt(orbital, near, doubt_m)
     if orbital is None:
-        for name, value in (('--near', near), ('--doubt', doubt_m)):
-            if value is not None:
-                raise ConfigError(f'{name}: needs --orbital, the maps on which the place is')
         return None
     if system.system != 'graph':
         raise ConfigError(f'--orbital: is for --system graph, and the system is {system.system}')
     if near is None:
         raise ConfigError('--orbital: needs --near X,Y, a place that the start is near to')
-    return Anchor(OrbitalMap.load(orbital), Doubt(near, _DOUBT_M if doubt_m is None else doubt_m))
+    return Anchor(OrbitalMap.load(orbital), Doubt(near, radius_m))
 
 
 @options.command()

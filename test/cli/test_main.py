@@ -57,6 +57,7 @@ BAD_INPUT = {
     'slam run x -o {new} --max-ate nan': (1, '--max-ate: nan is not valid; valid is > 0 [m]'),
     'evaluate x y --min-tracked nan': (1, '--min-tracked: nan is not valid; valid is 0 to 1'),
     'slam run x -o {new} --doubt 5': (1, '--doubt: needs --orbital'),
+    'run flat -o {new} --slam graph --doubt 5': (1, '--doubt: needs --orbital'),
     'render flat -o {new} --pose 1,2': (2, "'1,2' is not 3 or 4 numbers"),
     'render flat -o {new} --chase-from 1,2,x': (2, "'1,2,x' is not a list of numbers"),
     'bag video x -o {new}.mp4 --tripod 1,nan,2': (2, 'valid is finite numbers'),
