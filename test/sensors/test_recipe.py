@@ -115,7 +115,7 @@ FORGOTTEN = {
 @pytest.mark.parametrize('forgotten', FORGOTTEN)
 def test_it_cannot_vanish(source: Path, world_folder: Path, domain: int,
                           forgotten: str) -> None:
-    """The last one is found by the node; the others by whoever imports the sensors."""
+    """The node names a row without a publisher; importing the sensors names the other gaps."""
     missing, said = FORGOTTEN[forgotten]
     paths = {name: source / 'lunar_rover_sim' / name for name, _ in missing}
     whole = {path: path.read_text() for path in paths.values()}

@@ -157,7 +157,8 @@ class OrbitalMap:
         with partial_folder(folder, WorldError) as there:
             self._write(there)
             folder.mkdir(parents=True, exist_ok=True)
-            for file in there.iterdir():
+            # The last one says that all are there.
+            for file in sorted(there.iterdir(), key=lambda file: file.name == ABOUT_FILE):
                 file.replace(folder / file.name)
 
     def _write(self, folder: Path) -> None:

@@ -144,19 +144,16 @@ class Raster(abc.ABC):
         apart = [float(at[1] - at[0]) for at in axes]
         pixels = (x_m[-1] - x_m[0]) * (y_m[-1] - y_m[0]) / (self.pixel_x_m * self.pixel_y_m)
         cell = min(apart) if pixels > _MOST_CHECKED else 0.0
-        _, known, first, factor = self._window(box, cell, _CHECKED_AROUND)
+        _, known, corner, factor = self._window(box, cell, _CHECKED_AROUND)
         if not known.size:
             return np.zeros((len(y_m), len(x_m)), bool)
-        sign = 1.0 if self.south_up else -1.0
-        corner = sign * self.row0, self.column0
-        step = self.pixel_y_m * factor, self.pixel_x_m * factor
-        # Place of a pixel k: (k + phase) steps.
-        phase = [(0.5 if k else sign * 0.5) - corner[k] / factor for k in (0, 1)]
-        near = [np.clip(np.rint(at / step[k] - phase[k]).astype(int) - first[1 - k], 0,
+        phase, step = (pair[::-1] for pair in self._lattice(factor))
+        first = corner[::-1]
+        near = [np.clip(np.rint(at / step[k] - phase[k]).astype(int) - first[k], 0,
                         known.shape[k] - 1) for k, at in enumerate(axes)]
         found = known[np.ix_(*near)]
         # Pixels may be smaller than the samples are apart.
-        gaps = [np.rint(((lost + first[1 - k] + phase[k]) * step[k] - axes[k][0])
+        gaps = [np.rint(((lost + first[k] + phase[k]) * step[k] - axes[k][0])
                         / apart[k]).astype(int) for k, lost in enumerate(np.nonzero(~known))]
         inside = np.logical_and.reduce([(at >= 0) & (at < size)
                                         for at, size in zip(gaps, found.shape)])
@@ -177,10 +174,13 @@ class Raster(abc.ABC):
             logger.warning('%s: %d of %d pixels around the window have no data and are filled',
                            self.path, int((~known).sum()), known.size)
         heights = harmonic_fill((heights - self.reference_m).astype(np.float32), known)
+        return Tile(heights, first, *self._lattice(factor), not known.all())
+
+    def _lattice(self, factor: int) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return the phase of averaged pixels and their sides, x and y; see `Tile`."""
         phase_y = 0.5 - self.row0 / factor
-        return Tile(heights, first, (0.5 - self.column0 / factor,
-                                     phase_y if self.south_up else -phase_y),
-                    (factor * self.pixel_x_m, factor * self.pixel_y_m), not known.all())
+        return ((0.5 - self.column0 / factor, phase_y if self.south_up else -phase_y),
+                (factor * self.pixel_x_m, factor * self.pixel_y_m))
 
     def _check_pixels_of(self, box_m: Box, cell_m: float, where: str) -> None:
         """Raise WorldError if a part of the file holds marks of missing data that are undeclared.

@@ -136,8 +136,7 @@ def chance(orbital: OrbitalMap, cells: Cells, middle_m: Array, reach_m: float,
     """
     likelihood, step_m = Likelihood(orbital, cells), _STEP_PX * orbital.pixel_m
     side_m = math.sqrt(math.pi) * reach_m
-    axis = step_m * np.arange(-int(0.5 * side_m / step_m), int(0.5 * side_m / step_m) + 1)
-    area = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    area = disc(np.zeros(2), np.inf, step_m, int(0.5 * side_m / step_m))
     west, south, east, north = orbital.bounds_m
     low, high = cells.xy_m.min(axis=0), cells.xy_m.max(axis=0)
     best = []
