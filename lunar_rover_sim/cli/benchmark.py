@@ -110,10 +110,10 @@ def drives(output: Path, scenarios: Sequence[str], sensors: Sequence[str], seeds
 def traverse(output: Path, distances: Sequence[float], sites: Sequence[int], first_seed: int,
              rates: Sequence[float], suns: Sequence[str], executable: Path | None,
              vocabulary: Path | None, overrides: list[str], retry: bool, workers: int) -> int:
-    """Drive far over sites by the truth, and judge wheels, odometries and the anchored graph.
+    """Drive far over sites, and judge wheels, odometries and the anchored graph.
 
-    Writes traverse.md and traverse_drives.csv, and a folder for each distance, rate and sun, which
-    `slam seal` seals. The same call goes on. Start with few: all of it are 48 km.
+    Writes traverse.md, its CSV and a folder a condition, for `slam seal`. The same call goes on.
+    All of it are 48 km.
     """
     if len(sites) != len(distances):
         raise ConfigError(f'--sites: {len(sites)} numbers are not valid with {len(distances)} '

@@ -83,9 +83,8 @@ class PhysicsNodeConfig(SensorsConfig, NodeConfig, PhysicsConfig):
     end_when_navigated: bool = param(False, 'end at the stamp of navigator/finished, where that '
                                      'is before duration_s', by_run=True)
     checkpoint_period_s: float = param(
-        0.0, 'period of checkpoints in lockstep, at which `run --resume` goes on after a crash; '
-        'each begins another file of the bag; a run rounds it up to where all that has a period '
-        'is due; 0: none', unit='s', low=0.0, high=1e6)
+        0.0, 'period of checkpoints in lockstep, for `run --resume`; each begins a file of the '
+        'bag; rounded up to where all is due; 0: none', unit='s', low=0.0, high=1e6)
     checkpoint_nodes: tuple[str, ...] = param((), 'nodes that write their states at checkpoints',
                                               by_run=True)
     start_paused: bool = param(False, 'wait for ~/pause or ~/step before time starts')
