@@ -261,8 +261,8 @@ SLAM_COVARIANCE = Topic('slam/pose_with_covariance',
                         'geometry_msgs/msg/PoseWithCovarianceStamped', EVENT, 'slam_node', '',
                         'the same with its covariance, where slam_node.system is graph')
 SLAM_STATUS = Topic('slam/status', 'diagnostic_msgs/msg/DiagnosticArray', FRAME, 'slam_node', '',
-                    'initialising, tracking or lost, and the place on a map from orbit, where there '
-                    'is one; in lockstep of every frame')
+                    'initialising, tracking or lost, and the place on a map from orbit, where '
+                    'there is one; in lockstep of every frame')
 TRAVERSABILITY = Topic('map/traversability', 'nav_msgs/msg/OccupancyGrid', DEPTH_FRAME,
                        'mapping_node', frames.ODOM_FRAME, '0 free to 99, 100 not to be crossed, '
                        '-1 unknown; map_load_time is the stamp of the newest depth in it')
