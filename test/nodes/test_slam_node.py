@@ -75,15 +75,15 @@ serve(begin)
 class Feeder:
     """Publishes a pair of images, and samples of an IMU whose numbers are those of their stamp."""
 
-    def __init__(self, peer: Peer) -> None:
+    def __init__(self, peer: Peer, *, to_graph: bool = False) -> None:
         node = peer.node
         self._sides = [node.create_publisher(Image, f'stereo/{side}/image_raw', 10)
                        for side in ('left', 'right')]
         self._imu = node.create_publisher(Imu, 'imu/data_raw', 500)
         self._wheels = node.create_publisher(Odometry, 'wheel/odometry', 10)
         self._stars = node.create_publisher(Imu, 'star_tracker/attitude', 10)
-        self.is_connected = lambda: all(p.get_subscription_count() == 1
-                                        for p in (*self._sides, self._imu))
+        awaited = (*self._sides, self._imu, *([self._wheels, self._stars] if to_graph else []))
+        self.is_connected = lambda: all(p.get_subscription_count() == 1 for p in awaited)
         self._next_ns = 0
 
     def frame(self, stamp_ms: int) -> None:
@@ -311,7 +311,7 @@ def test_the_graph_says_live_what_it_says_of_a_bag(peer: Peer) -> None:
     pytest.importorskip('gtsam')
     steps = [dataclasses.replace(step, aids=dataclasses.replace(step.aids, sun=None))
              for step in closed_way.drive(laps=0.1, heading=True)]
-    feeder = Feeder(peer)
+    feeder = Feeder(peer, to_graph=True)
     told = peer.listen(PoseWithCovarianceStamped, 'slam/pose_with_covariance')
     camera = ('camera.width:=320', 'camera.height:=240')
     with running('slam_node', '-p', 'system:=graph', '-p', 'time_mode:=lockstep',
@@ -341,7 +341,7 @@ def test_on_a_map_from_orbit_the_graph_says_what_it_knows_of_its_place(
     steps = closed_way.drive(laps=0.05, heading=True)
     stars = Stars(steps[0].stamp_ns, steps[0].T_world_base[:3, :3], 4e-8 * np.eye(3))
     steps[0] = dataclasses.replace(steps[0], aids=dataclasses.replace(steps[0].aids, stars=stars))
-    feeder = Feeder(peer)
+    feeder = Feeder(peer, to_graph=True)
     told = peer.listen(PoseWithCovarianceStamped, 'slam/pose_with_covariance')
     statuses = peer.listen(DiagnosticArray, 'slam/status')
     given = ('system:=graph', 'time_mode:=lockstep', 'camera.width:=320', 'camera.height:=240',
@@ -363,7 +363,7 @@ def test_on_a_map_from_orbit_the_graph_says_what_it_knows_of_its_place(
 
 def test_without_gtsam_the_graph_says_so_in_a_line_and_is_the_window(peer: Peer) -> None:
     """The node tracks without covariances."""
-    feeder = Feeder(peer)
+    feeder = Feeder(peer, to_graph=True)
     statuses = peer.listen(DiagnosticArray, 'slam/status')
     hidden = ('import sys; sys.modules["gtsam"] = None; '
               'from lunar_rover_sim.nodes.entry_points import main; main()')
