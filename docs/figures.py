@@ -4,26 +4,29 @@
     python docs/figures.py measure          measure these, one after the other; Ctrl-C and go on
     python docs/figures.py measure NAME     measure this one, whatever its age
 
-`docs/measurements/results/NAME.json` has the command, which writes its values to `{file}`, and
-what they depend on. A page says `{{ NAME.value }}`, and is filled in when it is built.
+`docs/measurements/results/NAME.json` has a command, a line for the shell, and what its results
+depend on. What the command writes to `{file}`, as JSON, are values; tables that it prints are kept
+as lines. `{new}` is a folder that is not there yet, `{kept}` one in which it goes on. A page says
+`{{ NAME.value }}` or, on a line, `{{ NAME.table }}`, and is filled in when it is built.
 
 What a figure depends on is a subject, such as the light. Its state is a sum over files that change
-whenever its behaviour does: hashes of worlds, and stored numbers of the regression cases.
+whenever its behaviour does: hashes of worlds, and stored numbers of the regression cases; or code.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 import datetime
 import hashlib
 import json
+import os
 from pathlib import Path
 import platform
-import shlex
+import re
+import shutil
 import subprocess
 import sys
-import tempfile
 from typing import Any
 
 import lunar_rover_sim
@@ -35,6 +38,8 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     'walk': ('test/regression/test_rover/*.csv',),
     'soil': ('lunar_rover_sim/ground/regolith/law.py', 'lunar_rover_sim/ground/regolith/soil.py'),
     'light': ('test/regression/test_light/*.csv', 'test/regression/test_images/*.csv'),
+    'navigator': ('lunar_rover_sim/autonomy/navigation/*.py',),
+    'reward': ('lunar_rover_sim/autonomy/learning/follow.py', 'config/policies/*'),
 }
 
 
@@ -60,16 +65,40 @@ def changed(result: Mapping[str, Any]) -> list[str]:
 
 
 def substitutions() -> dict[str, dict[str, str]]:
-    """Return what pages put in: NAME → value → text, with a mark where it is old."""
+    """Return what pages put in: NAME → value → text.
+
+    What is older than a change is marked by † and, below a table and in `where`, in words.
+    """
     texts = {}
     for name, result in read().items():
-        old = changed(result)
-        mark = f' (before a change of the {" and ".join(old)})' if old else ''
-        texts[name] = {key: f'{value:g}{mark}' if isinstance(value, float) else f'{value}{mark}'
-                       for key, value in result.get('values', {}).items()}
-        texts[name]['command'] = f'`{result["command"].replace(" --json {file}", "")}`'
-        texts[name]['where'] = result.get('measured', {}).get('machine', 'not yet measured')
+        measured, old = result.get('measured'), changed(result)
+        command = re.sub(r' (--json {file}|-o {(new|kept)}(\.csv)?|--resume)', '',
+                         result['command']).replace('{new}', 'DIR')
+        where = 'not yet measured' if measured is None else (
+            f'{measured["machine"]}, {measured["date"]}, version {measured["version"]}')
+        where += f'; **† before a change of the {", ".join(old)}**' if old else ''
+        texts[name] = {'command': f'`{command}`', 'where': where, **{
+            key: (f'{value:g}' if isinstance(value, float) else str(value)) + ' †' * bool(old)
+            for key, value in result.get('values', {}).items()}}
+        if 'table' in result:
+            texts[name]['table'] = '\n'.join([*result['table'], '', f'`{command}`: {where}.'])
     return texts
+
+
+def table_of(printed: Sequence[str]) -> list[str]:
+    """Return tables among printed lines as Markdown, also those with boxes, with their titles."""
+    lines: list[str] = []
+    title: list[str] = []
+    for said in map(str.strip, printed):
+        row = [cell.strip() for cell in re.split('[|│┃]', said)[1:-1]]
+        if said.startswith('## '):
+            title = ['', f'**{said[3:]}**', '']
+        elif said[:1] in ('|', '│', '┃') and not all(re.fullmatch(':?-+:?', cell) for cell in row):
+            goes_on = lines and not title
+            lines += [*title, f'| {" | ".join(row)} |',
+                      *([] if goes_on else ['|---' * len(row) + '|'])]
+            title = []
+    return lines
 
 
 def measure(names: Iterable[str]) -> None:
@@ -77,21 +106,33 @@ def measure(names: Iterable[str]) -> None:
     for name in names:
         path = RESULTS / f'{name}.json'
         result = json.loads(path.read_text(encoding='utf-8'))
+        states = {subject: state(subject) for subject in result['depends']}
         print(f'{name}: {result["command"]}', flush=True)
-        with tempfile.TemporaryDirectory() as folder:
-            values = Path(folder) / 'values.json'
-            words = shlex.split(result['command'].replace('{file}', str(values)))
-            ended = subprocess.run([sys.executable, *words[1:]] if words[0] == 'python' else words,
-                                   cwd=ROOT)
-            if ended.returncode or not values.is_file():
-                raise SystemExit(f'{name}: ended with status {ended.returncode}')
-            result['values'] = json.loads(values.read_text(encoding='utf-8'))
+        work = ROOT / 'build' / 'figures' / '-'.join([name, *states.values()])
+        paths = {'file': work / 'values.json', 'new': work / 'new', 'kept': work / 'kept'}
+        shutil.rmtree(paths['new'], ignore_errors=True)
+        work.mkdir(parents=True, exist_ok=True)
+        line = re.sub('{(file|new|kept)}', lambda word: str(paths[word[1]]), result['command'])
+        printed = []
+        with subprocess.Popen(line, shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True, env={
+                **os.environ, 'COLUMNS': '200',
+                'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}) as process:
+            for said in process.stdout or ():
+                print(said, end='', flush=True)
+                printed.append(said)
+        if process.returncode:
+            raise SystemExit(f'{name}: ended with status {process.returncode}')
+        if '{file}' in result['command']:
+            result['values'] = json.loads(paths['file'].read_text(encoding='utf-8'))
+        else:
+            result['table'] = table_of(printed)
         result['measured'] = {
             'version': lunar_rover_sim.__version__,
             'date': datetime.date.today().isoformat(),
             'machine': f'{processor()}, Python {platform.python_version()}',
-            'states': {subject: state(subject) for subject in result['depends']}}
-        path.write_text(json.dumps(result, indent=2) + '\n', encoding='utf-8')
+            'states': states}
+        path.write_text(json.dumps(result, indent=2, ensure_ascii=False) + '\n', encoding='utf-8')
+        shutil.rmtree(work)
 
 
 def processor() -> str:

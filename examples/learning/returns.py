@@ -37,14 +37,16 @@ def main() -> None:
     parser.add_argument('--grounds', nargs='+', default=['highland', 'rigid'])
     parser.add_argument('--episodes', type=int, default=20)
     args = parser.parse_args()
+    print('| ground | walker | return | effect and p against the packaged gait |')
+    print('|---|---|---|---|')
     for ground in args.grounds:
         found: dict[str, np.ndarray] = {}
         for walker in (PACKAGED, STANDING, RANDOM, *args.policies):
             found[walker] = returns_of(walker, args.episodes, ground=ground)
             against = ('' if walker == PACKAGED else
-                       f'; {Comparison.of(found[walker], found[PACKAGED]).text()}')
-            print(f'{ground}, {walker}: {Mean.of(found[walker]).text(2)}, n = {args.episodes}'
-                  f'{against}', flush=True)
+                       Comparison.of(found[walker], found[PACKAGED]).text())
+            print(f'| {ground} | {walker} | {Mean.of(found[walker]).text(2)} | {against} |',
+                  flush=True)
 
 
 def returns_of(walker: str, episodes: int, **options: Any) -> np.ndarray:

@@ -50,11 +50,12 @@ def main() -> None:
             made = 60.0 * steps * envs.num_envs
             found[case].append((made / (time.perf_counter() - wall),
                                 made / (time.process_time() - cpu)))
-    print(f'{args.task}: decisions a minute of wall time, and of processor time')
+    print('| ground | environments | decisions a minute | of processor time | range |')
+    print('|---|---|---|---|---|')
     for (ground, count), pairs in found.items():
         wall, cpu = np.median(pairs, axis=0)
-        print(f'{ground:9s} {count:3d} environments  {wall:9,.0f} {cpu:9,.0f}'
-              f'   ({min(c for _, c in pairs):,.0f} to {max(c for _, c in pairs):,.0f})')
+        print(f'| {ground} | {count} | {wall:,.0f} | {cpu:,.0f} '
+              f'| {min(c for _, c in pairs):,.0f} to {max(c for _, c in pairs):,.0f} |')
 
 
 def decide(path: str) -> None:

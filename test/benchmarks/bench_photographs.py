@@ -94,6 +94,7 @@ def main() -> None:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
+    print('| ' + ' | '.join(rows[0]) + ' |\n' + '|---' * len(rows[0]) + '|')
     for row in rows:
         print('| ' + ' | '.join(row.values()) + ' |')
 

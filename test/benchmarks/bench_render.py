@@ -19,6 +19,7 @@ import collections
 import contextlib
 import dataclasses
 import importlib
+import json
 import os
 from pathlib import Path
 import resource
@@ -285,6 +286,7 @@ def main():
     parser.add_argument('--rounds', type=int, default=5)
     parser.add_argument('--scenario', default='baseline')
     parser.add_argument('--set', action='append', default=[], help='a parameter of the scenario')
+    parser.add_argument('--json', type=Path, help='file of what a pair with depth takes')
     parser.add_argument('--serve', action='store_true', help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.serve:
@@ -306,6 +308,9 @@ def main():
     print(f'{device}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, '
           f'{args.width} x {args.height}, {len(world.rocks)} rocks, setup {setup:.1f} s')
     row('pair and depth', wall, cpu)
+    if args.json:
+        args.json.write_text(json.dumps({'pairs_per_s': round(1e3 / wall, 1),
+                                         'cpu_ms': round(cpu, 1)}))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(f'peak memory {peak:.2f} GiB')
     row('  next pose not known', *ours(world, config, track, ahead=False)[:2])

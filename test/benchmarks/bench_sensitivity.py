@@ -55,9 +55,11 @@ def measure(args: argparse.Namespace) -> None:
         rows.writerow(['time_s', *(f'seed_{seed}_m' for seed in seeds)])
         for k, values in enumerate(np.transpose(apart)):
             rows.writerow([f'{(k + 1) * SAMPLE * STATE_S:.2f}', *(f'{v:.3g}' for v in values)])
-    ends = np.array([values[-1] for values in apart])
-    print(f'{args.ground}, {args.duration:g} s: median {np.median(ends):.2g} m, largest '
-          f'{ends.max():.2g} m of {len(ends)}')
+    print('| after | median [m] | largest [m] | below 1e-4 m |\n|---|---|---|---|')
+    for share in (0.25, 0.5, 0.75, 1.0):
+        there = np.array([values[round(share * len(values)) - 1] for values in apart])
+        print(f'| {share * args.duration:g} s | {np.median(there):.2g} | {there.max():.2g} '
+              f'| {(there < 1e-4).sum()} of {len(there)} |')
 
 
 def draw(args: argparse.Namespace) -> None:

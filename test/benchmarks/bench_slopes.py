@@ -7,14 +7,13 @@
 import argparse
 import math
 
-import numpy as np
-
 from lunar_rover_sim.autonomy.navigation.rearing import Rearing
 from lunar_rover_sim.base.frames import matrix_from_wxyz, tilt_deg
 from lunar_rover_sim.judge.studies.walking import sloping_world, walk
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
 
+HEADINGS_DEG = (0.0, 90.0, 180.0)       # 0 is uphill
 COMMANDS = ((0.12, 0.0), (0.12, 0.15), (0.045, 0.15), (0.0, 0.15))
 
 
@@ -37,19 +36,18 @@ def tilts(slope_deg: float, heading_deg: float, command: tuple[float, float],
 
 
 def main() -> None:
-    """Print the greatest tilt of each walk."""
+    """Print a table of the greatest tilt of each walk [deg], a heading after the other."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--slopes', nargs='+', type=float, default=[8.0, 13.0])
     parser.add_argument('--duration', type=float, default=20.0)
     parser.add_argument('--let-down-above', type=float, default=math.inf)
     given = parser.parse_args()
-    print('slope [deg] | heading [deg], 0 is uphill | m/s | rad/s | greatest tilt [deg]')
+    print('| slope [deg] |', ' | '.join(f'{v:g} m/s, {w:g} rad/s' for v, w in COMMANDS), '|')
+    print('|---' * (1 + len(COMMANDS)) + '|')
     for slope in given.slopes:
-        for heading in (0.0, 90.0, 180.0):
-            for command in COMMANDS:
-                found = tilts(slope, heading, command, given.duration, given.let_down_above)
-                print(f'{slope:g} | {heading:g} | {command[0]:g} | {command[1]:g} | '
-                      f'{np.max(found):.1f}', flush=True)
+        print(f'| {slope:g} |', ' | '.join(', '.join(
+            f'{max(tilts(slope, heading, command, given.duration, given.let_down_above)):.1f}'
+            for heading in HEADINGS_DEG) for command in COMMANDS), '|', flush=True)
 
 
 if __name__ == '__main__':

@@ -86,12 +86,12 @@ def main():
         worker.stdin.close()
         worker.wait()
     print(f'{args.scenario}, n = {args.rounds * POSES}, load {os.getloadavg()[0]:.0f}')
+    print('| clone | frame | CPU [ms] | over the pair | on average |\n|---|---|---|---|---|')
     for i, clone in enumerate(clones):
         for kind, name in enumerate(KINDS):
             ratios = (ms[i, kind] / ms[i, 0]).ravel()
-            note = f'; on average {0.5 + 0.5 * np.median(ratios):.3f}' if kind else ''
-            print(f'{clone.name:12s} {name:28s} {np.median(ms[i, kind]):6.1f} ms, over the pair '
-                  f'{Median.of(ratios).text(3)}{note}')
+            print(f'| {clone.name} | {name} | {np.median(ms[i, kind]):.1f} '
+                  f'| {Median.of(ratios).text(3)} | {0.5 + 0.5 * np.median(ratios):.3f} |')
     for kind, name in enumerate(KINDS):
         if len(clones) > 1:
             ratios = Median.of((ms[1, kind] / ms[0, kind]).ravel())

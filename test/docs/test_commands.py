@@ -1,10 +1,12 @@
-"""Command lines in README and documentation: each is one that the program takes."""
+"""Command lines in README, documentation and results: each is one that the program takes."""
 
 from __future__ import annotations
 
 import ast
+import json
 from pathlib import Path
 import re
+import shlex
 
 from command_line import given
 import pytest
@@ -17,10 +19,13 @@ from lunar_rover_sim.run.scenario import Scenario
 
 NODES = {**NODE_CONFIGS, **COMPANION_CONFIGS}
 # Programs of others; ours are looked at word by word.
-FOREIGN = {'.', 'apt', 'cd', 'cmake', 'colcon', 'cosmic-ray', 'cr-report', 'dask', 'docker', 'git',
-           'pip', 'rviz2', 'sqlite3', '~/orbslam3/bin/pip', '~/svo/bin/pip'}
+FOREIGN = {'.', 'apt', 'cat', 'cd', 'cmake', 'colcon', 'cosmic-ray', 'cr-report', 'dask', 'docker',
+           'git', 'pip', 'rviz2', 'sqlite3', '~/orbslam3/bin/pip', '~/svo/bin/pip'}
 LINES = [pytest.param(words, id=f'{snippet.name} {" ".join(words)[:60]}')
          for snippet in snippets('sh') for words in commands(snippet)]
+LINES += [pytest.param(shlex.split(line), id=f'{path.stem} {line[:60]}')
+          for path in sorted((ROOT / 'docs/measurements/results').glob('*.json'))
+          for line in re.split(' (?:> /dev/null )?&& ', json.loads(path.read_text())['command'])]
 
 
 @pytest.mark.parametrize('words', LINES)
