@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 import sys
 
 import numpy as np
@@ -17,6 +18,15 @@ def run_main(main: Callable[[], None]) -> None:
         main()
     except LunarRoverSimError as error:
         sys.exit(f'{sys.argv[0]}: {error}')
+
+
+@contextmanager
+def train_extra() -> Iterator[None]:
+    """Import what the extra `train` installs; what is missing is said in one line."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        sys.exit(f"{sys.argv[0]}: {error}; install it by pip install -e '.[train]'")
 
 
 def run_episode(task: RoverTask, act: Callable[[np.ndarray], np.ndarray],

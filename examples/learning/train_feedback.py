@@ -17,8 +17,7 @@ import pickle
 import time
 from typing import Any
 
-import cma
-from episodes import run_episode, run_main
+from episodes import run_episode, run_main, train_extra
 from feedback import count, layer
 import numpy as np
 from rich.progress import track
@@ -27,6 +26,9 @@ from train_gait import COMMAND_S, EVALUATED, log, tuned
 from lunar_rover_sim.autonomy.learning.policy_file import save_policy
 from lunar_rover_sim.autonomy.learning.task import RoverTask
 from lunar_rover_sim.autonomy.learning.tasks import make_task
+
+with train_extra():
+    import cma
 
 
 def main() -> None:

@@ -19,8 +19,7 @@ import pickle
 import time
 from typing import Any
 
-import cma
-from episodes import run_episode, run_main
+from episodes import run_episode, run_main, train_extra
 import numpy as np
 from rich.progress import track
 
@@ -30,6 +29,9 @@ from lunar_rover_sim.autonomy.learning.task import RoverTask
 from lunar_rover_sim.autonomy.learning.tasks import make_task
 from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.rover.gait.config import CUSTOM, GaitConfig
+
+with train_extra():
+    import cma
 
 EVALUATED = range(20_000, 20_004)       # seeds that are neither trained on nor hidden
 MOST_STARTS = 64

@@ -17,18 +17,20 @@ from pathlib import Path
 import time
 from typing import Any
 
-from episodes import run_episode, run_main
-from feedback_policy import FeedbackPolicy, policy_options
+from episodes import run_episode, run_main, train_extra
 import numpy as np
-from sb3_vector import Sb3Vector
-from stable_baselines3 import PPO, SAC
-from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ProgressBarCallback
-import torch
-from train_gait import tuned
 import yaml
 
 from lunar_rover_sim.autonomy.learning.export import save_sb3
 from lunar_rover_sim.autonomy.learning.tasks import make_task
+
+with train_extra():
+    from feedback_policy import FeedbackPolicy, policy_options
+    from sb3_vector import Sb3Vector
+    from stable_baselines3 import PPO, SAC
+    from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ProgressBarCallback
+    import torch
+    from train_gait import tuned
 
 EVALUATED = tuple(range(20_000, 20_004))     # neither trained on nor hidden
 SMOOTHING_S = 0.3   # of actions: without it their noise costs more than any gait can gain
