@@ -2,6 +2,8 @@
 
 Links: base_link, `<leg>_link` on `<leg>_joint`, imu_link, stereo_left_link and stereo_right_link
 (x forward), each with its optical frame. These are the frames of tf, with the same parents.
+
+The element `ros2_control` makes a controller_manager of ros2_control drive the legs over topics.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from lunar_rover_sim.base import frames
+from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.rover.description import chassis_inertia, leg_inertia, RoverDescription
 from lunar_rover_sim.rover.mounts import fixed_frames, MAST_RADIUS_M
@@ -30,6 +32,7 @@ def urdf(rover: RoverDescription) -> str:
         _add_leg(robot, leg, position, rover)
     for parent, child, pose in fixed_frames(rover):
         _add_fixed(robot, parent, child, pose)
+    _add_control(robot, rover)
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding='unicode') + '\n'
 
@@ -96,6 +99,21 @@ def _add_fixed(robot: ElementTree.Element, parent: str, child: str, pose: Array)
     _add(joint, 'child', link=child)
     rpy = frames.rpy_from_wxyz(frames.wxyz_from_matrix(pose[:3, :3]))
     _add(joint, 'origin', xyz=_numbers(pose[:3, 3]), rpy=_numbers(rpy))
+
+
+def _add_control(robot: ElementTree.Element, rover: RoverDescription) -> None:
+    """Add what ros2_control reads: speeds of the legs are commanded, all else is measured."""
+    control = _add(robot, 'ros2_control', name='legs', type='system')
+    hardware = _add(control, 'hardware')
+    _add(hardware, 'plugin').text = 'joint_state_topic_hardware_interface/JointStateTopicSystem'
+    for name, topic in (('joint_commands_topic', topics.JOINT_COMMANDS),
+                        ('joint_states_topic', topics.JOINT_STATES)):
+        _add(hardware, 'param', name=name).text = topic.name
+    for leg in rover.legs.joint_names:
+        joint = _add(control, 'joint', name=leg)
+        _add(joint, 'command_interface', name='velocity')
+        for name in ('position', 'velocity', 'effort'):
+            _add(joint, 'state_interface', name=name)
 
 
 def _add_inertial(link: ElementTree.Element, mass_kg: float, com_m: tuple[float, ...],

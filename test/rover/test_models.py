@@ -122,6 +122,16 @@ def test_mujoco_reads_the_urdf_with_the_same_masses(rover):
     assert sum(masses) == pytest.approx(rover.total_mass_kg)
 
 
+def test_the_urdf_says_how_ros2_control_drives_the_legs():
+    control = ElementTree.fromstring(urdf(ROVER).encode()).find('ros2_control')
+    assert {p.get('name'): p.text for p in control.iter('param')} == {
+        'joint_commands_topic': 'joint_commands', 'joint_states_topic': 'joint_states'}
+    joints = control.findall('joint')
+    assert [j.get('name') for j in joints] == list(ROVER.legs.joint_names)
+    for joint in joints:
+        assert [i.get('name') for i in joint.findall('command_interface')] == ['velocity']
+
+
 @pytest.mark.parametrize('rover', [ROVER, OTHER])
 def test_optical_frames_look_ahead_and_down(rover):
     left, right = optical_poses(rover)
