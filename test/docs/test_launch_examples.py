@@ -13,6 +13,7 @@ import yaml
 from lunar_rover_sim.autonomy.navigation.config import MapConfig
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.judge.slam.live import WRAPPERS
+from lunar_rover_sim.rover.description import load_rover
 
 EXAMPLES = sorted((ROOT / 'config' / 'launch_examples').glob('*.launch.py'))
 KINDS = {topic.name: topic.type.rpartition('/')[2] for topic in topics.CONTRACT}
@@ -42,7 +43,7 @@ def test_example(path: Path) -> None:
     pairs = [*values.get('PAIR', ()), *values.get('REMAPPINGS', ()),
              *((key, value) for key, value in values.get('EKF', {}).items() if key in READ)]
     taken = [(theirs, ours) for theirs, ours in pairs if theirs in READ]
-    assert taken or path.name.startswith(('nav2', 'orb_slam3'))
+    assert taken or path.name.startswith(('nav2', 'orb_slam3', 'ros2_control'))
     for theirs, ours in taken:
         assert KINDS[ours] == READ[theirs], (theirs, ours)
     if 'ARGUMENTS' in values:
@@ -65,3 +66,16 @@ def test_parameters_of_nav2() -> None:
     for server in ('bt_navigator', 'controller_server'):
         assert KINDS[nodes[server]['ros__parameters']['odom_topic']] == 'Odometry'
     assert costmaps['resolution'] == MapConfig().cell_m
+    # Else a recorder of all topics ends its servers by a segmentation fault.
+    assert costmaps['always_send_full_costmap']
+
+
+def test_controllers_of_ros2_control() -> None:
+    """They are those that the launch file spawns, on the joints of the packaged rover."""
+    folder = ROOT / 'config' / 'launch_examples'
+    nodes = yaml.safe_load((folder / 'ros2_control.yaml').read_text('utf-8'))
+    manager = nodes['controller_manager']['ros__parameters']
+    spawned = constants(folder / 'ros2_control.launch.py')['CONTROLLERS']
+    assert all('type' in manager[name] for name in spawned)
+    joints = load_rover(None).legs.joint_names
+    assert nodes['legs']['ros__parameters']['joints'] == list(joints)
