@@ -1,15 +1,13 @@
-"""Stereo pairs per second, beside MuJoCo's classic renderer on the same world and cameras.
+"""Stereo pairs per second.
 
-    python test/benchmarks/bench_render.py [--width 640 --height 480] [--pairs 20] [--skip-mujoco]
-        [--area]
+    python test/benchmarks/bench_render.py [--width 640 --height 480] [--pairs 20] [--area]
     python test/benchmarks/bench_render.py --against CLONE [--rounds 5] [--scenario baseline]
         [--set render_node.sun.elevation_deg=2]
 
 Prints a table; asserts nothing. With --against, it prints what the passes of a pair of a scenario
 take on a walk, the driver waiting for each, and the ratio to another checkout: both draw the same
-states, frame by frame in turn. MuJoCo draws height field, rocks and a 4096 x 4096 shadow map
-through EGL, without noise, and reads both images back. CPU time counts all threads: on a machine
-that is busy with other things it tells more than the wall clock.
+states, frame by frame in turn. CPU time counts all threads: on a machine that is busy with other
+things it tells more than the wall clock.
 """
 
 from __future__ import annotations
@@ -30,7 +28,6 @@ import time
 
 import numpy as np
 
-from lunar_rover_sim.base.frames import wxyz_from_matrix
 from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.config import RockConfig, WorldConfig
 from lunar_rover_sim.image.camera.config import CameraConfig
@@ -71,74 +68,6 @@ def ours(world, config, track, layers=('left', 'right', 'depth'), ahead=True):
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         device = renderer.device
     return 1e3 * wall / len(track), 1e3 * cpu / len(track), setup, device
-
-
-def mujoco_model(world, camera, sun):
-    """Return a model of ground and rocks with the stereo pair and a sun."""
-    import mujoco
-    spec = mujoco.MjSpec()
-    spec.visual.quality.shadowsize = 4096
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = camera.width, camera.height
-    spec.visual.map.znear = 0.001
-    spec.stat.extent = 20.0
-    z, half = world.ground.heights_m, world.ground.half_extent_m
-    low, span = float(z.min()), float(np.ptp(z))
-    spec.add_hfield(name='ground', nrow=z.shape[0], ncol=z.shape[1], size=[half, half, span, 1.0],
-                    userdata=((z - low) / span).astype(float).ravel().tolist())
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname='ground',
-                            pos=[0.0, 0.0, low])
-    rocks = world.rocks
-    pairs = {}
-    for k in range(len(rocks)):
-        key = (int(rocks.shape[k]), int(rocks.size[k]))
-        if key not in pairs:
-            pairs[key] = f'rock_{key[0]}_{key[1]}'
-            shape = world.rock_shapes[key[0]]
-            spec.add_mesh(name=pairs[key], uservert=(shape.vertices * rocks.size_classes_m[key[1]])
-                          .astype(float).ravel().tolist(),
-                          userface=shape.faces.ravel().tolist())
-        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=pairs[key],
-                                pos=rocks.position_m[k], quat=rocks.orientation_wxyz[k],
-                                contype=0, conaffinity=0)
-    spec.worldbody.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, dir=-sun,
-                             castshadow=True, pos=10.0 * sun)
-    vertical = 2.0 * np.degrees(np.arctan(0.5 * camera.height / camera.focal_px))
-    rig = spec.worldbody.add_body(name='rig', mocap=True)
-    mount = RoverDescription().stereo
-    for side, y in (('left', 0.5 * mount.baseline_m), ('right', -0.5 * mount.baseline_m)):
-        tilt = np.radians(mount.pitch_deg)
-        rig.add_camera(name=side, fovy=vertical,
-                       pos=np.array(mount.position_m) + [0.0, y, 0.0],
-                       quat=_gl_quaternion(tilt))
-    return spec.compile()
-
-
-def _gl_quaternion(tilt):
-    """Return the (4,) orientation of a camera: x right, y up, z backward."""
-    x, y = np.array([0.0, -1.0, 0.0]), np.array([np.sin(tilt), 0.0, np.cos(tilt)])
-    return wxyz_from_matrix(np.stack([x, y, np.cross(x, y)], axis=1))
-
-
-def theirs(world, camera, sun, track):
-    """Return (ms of wall, ms of CPU) per pair of MuJoCo's renderer."""
-    import mujoco
-    model = mujoco_model(world, camera, sun)
-    data = mujoco.MjData(model)
-    with mujoco.Renderer(model, camera.height, camera.width, max_geom=len(world.rocks) + 100) as r:
-        def pair(pose):
-            data.mocap_pos[0] = pose[:3, 3]
-            data.mocap_quat[0] = wxyz_from_matrix(pose[:3, :3])
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_camlight(model, data)
-            for side in ('left', 'right'):
-                r.update_scene(data, camera=side)
-                r.render()
-        pair(track[0])
-        wall, cpu = time.perf_counter(), time.process_time()
-        for pose in track:
-            pair(pose)
-        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    return 1e3 * wall / len(track), 1e3 * cpu / len(track)
 
 
 # Module, class ('' for none), function: what belongs to a pass.
@@ -279,7 +208,6 @@ def main():
     parser.add_argument('--width', type=int, default=640)
     parser.add_argument('--height', type=int, default=480)
     parser.add_argument('--pairs', type=int, default=20)
-    parser.add_argument('--skip-mujoco', action='store_true')
     parser.add_argument('--area', action='store_true',
                         help='a world of 16 times the area too: minutes, and 8 GiB of memory')
     parser.add_argument('--against', type=Path, help='folder of another clone, the one before')
@@ -326,11 +254,6 @@ def main():
             f'{wall_other / wall:.2f} x the time, {cpu_other / cpu:.2f} x the CPU time; '
             f'{len(other.rocks)} rocks, setup {setup:.1f} s')
         del other
-    if not args.skip_mujoco:
-        sun = np.array([np.cos(np.radians(60.0)), np.sin(np.radians(60.0)), 0.0])
-        sun = sun * np.cos(np.radians(6.0)) + [0.0, 0.0, np.sin(np.radians(6.0))]
-        wall_mj, cpu_mj = theirs(world, camera, sun, track[:max(args.pairs // 4, 3)])
-        row("MuJoCo's classic renderer", wall_mj, cpu_mj, f'{wall_mj / wall:.1f} x the time')
 
 
 if __name__ == '__main__':
