@@ -19,8 +19,8 @@ SEED = 3
 KNOWN = 9, '488898a459852593f35d9d9bf64cf267'
 # Of all options of craters, rocks, albedo and relief.
 OTHERS = {
-    'craters': ('78fdc6e489de134b1cada3686bf4911d', {
-        'craters': {'irregularity': 0.0, 'density': 0.3, 'slope': 2.6, 'fresh_depth': 0.15,
+    'craters': ('e0eb2a2a672acf06f62cceab3bbd95c0', {
+        'craters': {'irregularity': 0.0, 'density': 0.1, 'slope': 2.6, 'fresh_depth': 0.15,
                     'oldest_depth': 0.05, 'max_diameter_m': 9.0, 'age_exponent': 0.7},
         'rocks': {'abundance': 0.06, 'min_diameter_m': 0.05}, 'albedo': {'variation': 0.0}}),
     'rocks': ('a6580af64d37ec77be121c587bcbc6b9', {
