@@ -20,7 +20,7 @@ from lunar_rover_sim.run.scenario import Scenario
 
 SETTINGS = (*SMALL, *TINY, *PLAIN, 'render_node.frame_rate_hz=5', 'render_node.depth_every=1',
             'render_node.sensor.exposure_mode=auto', 'physics_node.ground.model=regolith',
-            'physics_node.checkpoint_period_s=0.9', 'navigator_node.start_delay_s=0.2')
+            'physics_node.checkpoint_period_s=0.4', 'navigator_node.start_delay_s=0.2')
 
 
 def kill(folder: Path) -> None:
@@ -39,23 +39,23 @@ def test_a_killed_run_goes_on_as_if_it_had_not_been(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With navigation by what the cameras see, on soft ground, with automatic exposure."""
     whole, killed = tmp_path / 'whole', tmp_path / 'killed'
-    assert main(['run', 'baseline', '-o', str(whole), '--duration', '2.4', '--goal', '3,0.5', *(
+    assert main(['run', 'baseline', '-o', str(whole), '--duration', '1.0', '--goal', '3,0.5', *(
         word for setting in SETTINGS for word in ('--set', setting))]) == 0
     assert [one.name for one in sorted((whole / 'checkpoints').iterdir())] == [
-        '000000001000000000', '000000002000000000']
+        '000000000400000000', '000000000800000000']
     with pytest.raises(ConfigError, match='whole: the run is finished'):
         unfinished_run(whole)
     shutil.copytree(whole, killed, symlinks=True)
     kill(killed)
     capsys.readouterr()
     assert main(['run', '--resume', str(killed)]) == 0
-    assert 'resumed at 1.000 s' in capsys.readouterr().out
+    assert 'resumed at 0.400 s' in capsys.readouterr().out
     with open_bag(whole / 'bag') as one, open_bag(killed / 'bag') as other:
-        assert other.counts == one.counts and one.counts['/map/traversability'] == 12
-        assert resumed_ns(one) == () and resumed_ns(other) == (1_000_000_000,)
+        assert other.counts == one.counts and one.counts['/map/traversability'] == 5
+        assert resumed_ns(one) == () and resumed_ns(other) == (400_000_000,)
     assert bag_hash(killed / 'bag') == bag_hash(whole / 'bag')
     report = check(killed / 'bag')
-    assert report.ok and 'resumed at 1.000 s' in str(report)
+    assert report.ok and 'resumed at 0.400 s' in str(report)
 
 
 @pytest.mark.parametrize('settings, why', [
