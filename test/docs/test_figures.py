@@ -17,8 +17,8 @@ def figures(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
     module = module_of(ROOT / 'docs' / 'figures.py')
     monkeypatch.setattr(module, 'ROOT', tmp_path)
     monkeypatch.setattr(module, 'RESULTS', tmp_path)
-    monkeypatch.setattr(module, 'SUBJECTS', {'light': ('*.csv',)})
-    (tmp_path / 'a.csv').write_text('1')
+    monkeypatch.setattr(module, 'SUBJECTS', {'light': ('*.csv::sum',)})
+    (tmp_path / 'a.csv').write_text('sum = 1\nremark\n')
     program = "import json, sys; json.dump(dict(mean=0.25), open(sys.argv[1], 'w'))"
     (tmp_path / 'glow.json').write_text(json.dumps(
         {'command': f'python -c "{program}" {{file}}', 'depends': ['light']}))
@@ -26,11 +26,13 @@ def figures(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
 
 
 def test_a_figure_is_marked_once_what_it_depends_on_has_changed(figures: ModuleType) -> None:
-    """Measured, it stands without a mark, until a file of its subject changes."""
+    """Measured, it stands without a mark, until a file of its subject changes where it counts."""
     assert figures.substitutions()['glow'].get('mean') is None
     figures.measure(['glow'])
     assert figures.substitutions()['glow']['mean'] == '0.25'
-    (figures.ROOT / 'a.csv').write_text('2')
+    (figures.ROOT / 'a.csv').write_text('sum = 1\nanother\n')
+    assert not figures.changed(figures.read()['glow'])
+    (figures.ROOT / 'a.csv').write_text('sum = 2\nanother\n')
     assert figures.substitutions()['glow']['mean'] == '0.25 †'
     assert figures.substitutions()['glow']['where'].endswith('† before a change of the light**')
     figures.measure(['glow'])
