@@ -46,7 +46,7 @@ def test_command_line(words: list[str]) -> None:
     elif words[0] == './bootstrap':
         assert ' '.join(words[1:]) in ('', 'demo', 'docs', 'lock', 'test', 'test --quick')
     elif words[0] == 'ros2':
-        assert words[1:3] in (['bag', 'play'], ['action', 'send_goal'],
+        assert words[1:3] in (['bag', 'play'], ['action', 'send_goal'], ['topic', 'pub'],
                               ['run', 'teleop_twist_keyboard'], ['run', 'joy'],
                               ['run', 'teleop_twist_joy'])
     else:
