@@ -149,10 +149,12 @@ class Planner:
         x, y = self._centre(rows, columns)
         rest = np.hypot(x - goal[0], y - goal[1])
         if self._inside(end) and self._cost[end] < 0.0:
-            # Where it may stand on known ground, or stands.
-            fits = ~(self.blocked | self.dark)
-            fits[start] = True
-            near = np.where(np.isfinite(total) & fits & (rest <= _SEARCH_M), rest, np.inf)
+            # Where it may stand on known ground, or stands; only dark ground is looked at first.
+            reached = np.isfinite(total) & (rest <= _SEARCH_M)
+            fits = reached & ~self.blocked
+            known = fits & ~self.dark
+            known[start] = reached[start]
+            near = np.where(known if known.any() else fits, rest, np.inf)
             best = np.unravel_index(int(np.argmin(near)), near.shape)
             if math.isfinite(near[best]):
                 found = self._made(search.traceback(best), None, goal)

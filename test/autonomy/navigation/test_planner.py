@@ -61,6 +61,14 @@ def test_an_enclosed_goal_has_no_plan_and_one_on_a_rock_has_the_place_beside_it(
     assert Planner(grid(), PLAIN, HALF_M, (9.0, 0.0)).plan((0.0, 0.0)) is None
 
 
+def test_a_goal_on_what_seems_an_obstacle_amid_unknown_ground_is_approached():
+    """From afar a rock in the dark is one cell; the ground around it was never looked at."""
+    seen = grid((0.5, 3.2, -3.2, 3.2), value=UNKNOWN)
+    seen.cost[64:66, 104:106] = LETHAL
+    plan = Planner(seen, PLAIN, HALF_M, (-1.0, 0.0)).plan((2.05, 0.05))
+    assert plan is not None and 0.0 < plan.off_goal_m < 0.3
+
+
 def test_unknown_ground_costs_more_and_is_told():
     shadow = grid((0.6, 1.6, -0.4, 0.3), value=-1)
     planner = Planner(shadow, PLAIN, HALF_M, (-1.0, 0.0))
