@@ -16,7 +16,7 @@ W, H, F = 96, 72, 69.0
 K = np.array([[F, 0.0, 47.5], [0.0, F, 35.5], [0.0, 0.0, 1.0]])
 LIMITS = Limits.of(load_rover(None), TraversabilityConfig())
 EYE_M, AHEAD_M, PITCH_RAD = 0.28, 0.12, np.radians(10.0)
-TICK_S, LOOK_TICKS = 0.1, 3
+TICK_S, LOOK_TICKS = 0.1, 5
 
 
 class Plain:
@@ -139,7 +139,7 @@ def test_a_shadow_is_driven_around_and_one_without_an_end_not_entered():
 def test_the_hidden_side_of_a_rock_is_as_steep_and_a_goal_on_it_is_on_an_obstacle():
     rover = Rover(Plain((2.0, 2.9, -0.4, 0.4, 0.5)), (2.4, 0.0))
     rover.tick()
-    for _ in range(6):
+    for _ in range(2 * LOOK_TICKS):
         rover.tick()
     grid = rover.grid
     column, row = np.floor((np.array([2.4, 0.0]) - grid.origin_m) / grid.cell_m).astype(int)
