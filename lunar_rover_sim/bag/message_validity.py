@@ -180,13 +180,19 @@ def quaternion_problem(name: str) -> Callable[[Any], str | None]:
 
 def joints_problem(message: Any) -> str | None:
     """Every joint has a position and a velocity; effort is complete or empty."""
-    n = len(message.name)
-    lengths = {'position': len(message.position), 'velocity': len(message.velocity)}
-    if len(message.effort):
-        lengths['effort'] = len(message.effort)
-    for name, length in lengths.items():
-        if length != n:
-            return f'{name} holds {length} values for {n} joints'
+    return _joints_problem(message, ('position', 'velocity'))
+
+
+def commands_problem(message: Any) -> str | None:
+    """Every joint has a velocity; position and effort are complete or empty."""
+    return _joints_problem(message, ('velocity',))
+
+
+def _joints_problem(message: Any, needed: tuple[str, ...]) -> str | None:
+    for name in ('position', 'velocity', 'effort'):
+        length = len(getattr(message, name))
+        if length != len(message.name) and (length or name in needed):
+            return f'{name} holds {length} values for {len(message.name)} joints'
     return None
 
 

@@ -203,14 +203,18 @@ def test_rosbag2_plays_with_a_clock_of_its_own(request: pytest.FixtureRequest,
 
 @pytest.mark.parametrize('options', [(), ('--max-bag-size', '300000'),
                                      ('--compression-mode', 'file',
-                                      '--compression-format', 'zstd')],
-                         ids=['plain', 'split', 'compressed'])
+                                      '--compression-format', 'zstd'),
+                                     ('--qos-profile-overrides-path', 'QOS')],
+                         ids=['plain', 'split', 'compressed', 'qos'])
 def test_rosbag2_records_our_graph(options: tuple[str, ...], tmp_path: Path,
                                    open_domain: int) -> None:
     """What `ros2 bag record` leaves, our reader reads: each state once."""
     needs('ros2bag', 'rosbag2_storage_mcap')
+    qos = tmp_path / 'qos.yaml'
+    qos.write_text('/imu/data_raw: {reliability: reliable, history: keep_last, depth: 4000}\n')
     with beside('ros2', 'bag', 'record', '--all', '--use-sim-time', '--storage', 'mcap',
-                '-o', str(tmp_path / 'theirs'), *options):
+                '-o', str(tmp_path / 'theirs'),
+                *(str(qos) if word == 'QOS' else word for word in options)):
         drive(tmp_path / 'run', '--duration', '2', *BLIND)
     with open_bag(tmp_path / 'theirs') as bag:
         stamps = [(m.header.stamp.sec, m.header.stamp.nanosec)

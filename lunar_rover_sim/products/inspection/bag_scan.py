@@ -35,7 +35,7 @@ _CONTENT: dict[str, tuple[Callable[[Any], str | None], ...]] = {
     topics.SLAM_COVARIANCE.name: (message_validity.quaternion_problem('pose.pose.orientation'),
                                   message_validity.covariance_problem('pose.covariance')),
     topics.JOINT_STATES.name: (message_validity.joints_problem,),
-    topics.JOINT_COMMANDS.name: (message_validity.joints_problem,),
+    topics.JOINT_COMMANDS.name: (message_validity.commands_problem,),
     topics.LEFT_IMAGE.name: (message_validity.image_problem,),
     topics.RIGHT_IMAGE.name: (message_validity.image_problem,),
     topics.DEPTH.name: (message_validity.image_problem, message_validity.depth_problem),
