@@ -50,7 +50,8 @@ class GaitController:
     p', feedback of the angle error against the shaped angle a(p), and feedback of the velocity of
     the motor. A reference that leads its leg by `max_angle_lead_deg` waits for it, so that a
     blocked leg is pushed by a bounded command. Once free, the leg returns to its phase
-    (`LegPhases`).
+    (`LegPhases`). In flight u is within `max_flight_lead_radps` of q': the inner legs of a tight
+    arc swing fast, and one that strikes a rock would throw the body.
 
     Without a command, at a command of zero, or when the command is older than `cmd_timeout_s`, the
     rover stands: each leg turns its nearest spoke straight down and holds it.
@@ -270,6 +271,9 @@ class GaitController:
             forward = phases.rate[leg] * shaping.slope_at(phase)
             command = (forward + config.position_gain * (reference - angle[leg])
                        + config.velocity_gain * (forward - velocity[leg]))
+            if shaping.is_flight(phase):
+                lead = _bounded(command - velocity[leg], config.max_flight_lead_radps)
+                command = velocity[leg] + lead
             commands.append(_bounded(command, limit))
             references.append(reference)
         return LegCommand(np.array(commands), np.array(references), np.array(phases.phase))

@@ -99,6 +99,10 @@ class ShapingFunction:
             return _blend(self._edge, self._flight_plateau, (x - h) / b)
         return self._flight_plateau
 
+    def is_flight(self, phase: float) -> bool:
+        """Return whether one phase [cycles] is of flight."""
+        return abs(phase - round(phase)) > self._half_stance
+
     def phase(self, angle_rad: ArrayLike) -> Array:
         """Return the phase [cycles] at (...) angles [rad]: the inverse of `angle`, to 1e-12."""
         angle = np.asarray(angle_rad, dtype=float)

@@ -13,6 +13,7 @@ DT_NS = 5_000_000
 DT = DT_NS * 1e-9
 PITCH = 2.0 * math.pi / 3.0
 LONG = 1e6   # no command of these tests grows old
+UNBOUND = 100.0     # lead in flight: the terms of the command alone
 
 
 def walking(config, seconds=3.0, stride=Stride(1.0)):
@@ -34,7 +35,7 @@ def answer(config, d_angle=0.0, d_velocity=0.0):
 
 
 def test_a_motor_that_is_slow_is_driven_faster_by_the_velocity_gain():
-    config = GaitConfig(velocity_gain=0.7, cmd_timeout_s=LONG)
+    config = GaitConfig(velocity_gain=0.7, cmd_timeout_s=LONG, max_flight_lead_radps=UNBOUND)
     usual, slow, fast = (answer(config, d_velocity=d).velocity_radps for d in (0.0, -0.5, 0.5))
     np.testing.assert_allclose(slow - usual, 0.7 * 0.5, atol=1e-9)
     np.testing.assert_allclose(fast - usual, -0.7 * 0.5, atol=1e-9)
@@ -49,7 +50,8 @@ def test_a_leg_that_is_behind_is_driven_faster_by_the_position_gain():
 
 def test_without_gains_the_command_is_the_speed_of_the_reference():
     """Feedforward alone: the phase rate times the slope, which is how fast the reference moves."""
-    config = GaitConfig(position_gain=0.0, velocity_gain=0.0, cmd_timeout_s=LONG)
+    config = GaitConfig(position_gain=0.0, velocity_gain=0.0, cmd_timeout_s=LONG,
+                        max_flight_lead_radps=UNBOUND)
     controller, angle, velocity, stamp = walking(config)
     commands = []
     for i in range(400):
@@ -75,7 +77,8 @@ def test_at_the_reference_and_its_speed_feedback_adds_nothing():
 
 
 def test_commands_stay_within_the_joint_velocity():
-    config = GaitConfig(max_joint_velocity_radps=3.0, cmd_timeout_s=LONG, position_gain=50.0)
+    config = GaitConfig(max_joint_velocity_radps=3.0, cmd_timeout_s=LONG, position_gain=50.0,
+                        max_flight_lead_radps=UNBOUND)
     controller, angle, velocity, stamp = walking(config)
     for lead in (0.9, -0.9):
         command = controller.update(stamp, angle - lead, velocity)
@@ -97,6 +100,18 @@ def test_a_reference_waits_for_a_leg_that_is_blocked_and_for_no_other():
     # A leg may be ahead of its reference by any amount: nothing waits then.
     moved = np.array(leads) + angle[0]
     assert np.all(np.diff(moved) >= -1e-12)
+
+
+@pytest.mark.parametrize(('turning', 'told'), [(0.0, 0.5), (15.0, 14.5)])
+def test_a_leg_in_flight_is_driven_by_little_more_or_less_than_it_turns(turning, told):
+    """One that strikes a rock is not pushed on; those in stance are driven as ever."""
+    config = GaitConfig(cmd_timeout_s=LONG, max_flight_lead_radps=0.5)
+    controller, angle, _, stamp = walking(config)
+    command = controller.update(stamp, angle - 0.3, np.full(4, turning))
+    in_flight = np.abs(command.phase - np.round(command.phase)) > 0.5 * config.duty_factor
+    assert 0 < np.count_nonzero(in_flight) < 4
+    np.testing.assert_allclose(command.velocity_radps[in_flight], told)
+    assert (np.abs(command.velocity_radps[~in_flight] - turning) > 1.0).all()
 
 
 def references(controller, seconds, stamp, angle):
