@@ -4,6 +4,10 @@ Points of a frame are first averaged cell by cell, weighted by their errors. The
 levelled: height, pitch and roll by which it deviates from what the map knows are fitted and taken
 out, as far as the stated errors of the pose allow. What remains enters the cells by a Kalman
 filter each. A height that contradicts its cell is counted instead; several in a row replace it.
+
+What neighbouring frames have wrong in common does not average out. It is kept apart, as the doubt
+of a cell: a share of the errors of depth, and those of matches beside edges of depth, where the
+window of the matcher covers both sides.
 """
 
 from __future__ import annotations
@@ -35,6 +39,10 @@ _RANGE_STDDEV_M = 0.01      # error of a range that does not grow with it: LiDAR
 _LEAST_COMMON = 60          # cells that a frame must share with the map to be levelled
 _ROUNDS, _HUBER = 4, 2.0    # of levelling
 _RELIEF = 0.4               # of the range of heights around a cell: its standard deviation
+_SHARED = 0.25              # of the variance of a depth: what the next frames have wrong as well
+# Half the window of the matcher in pixels, at half and at full resolution; disparities that bend
+# by more over them are wrong by this share of the rest. Measured against true depth.
+_EDGE_PX, _BEND_PX, _EDGE_SHARE = (3, 6), 0.8, 0.7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,6 +55,7 @@ class Elevation:
         cell_m: Side of a cell.
         height_m: (n, n) float32, NaN where unknown.
         variance_m2: (n, n) float32 of the errors of depth, NaN where unknown.
+        doubt_m2: (n, n) float32 of the errors that frames share, NaN where unknown.
     """
 
     stamp_ns: int
@@ -54,6 +63,7 @@ class Elevation:
     cell_m: float
     height_m: F32
     variance_m2: F32
+    doubt_m2: F32 | None = None
 
     @property
     def centres_m(self) -> tuple[Array, Array]:
@@ -65,11 +75,13 @@ class Elevation:
     def stddev_m(self) -> F32:
         """Return the standard deviation (n, n) of the mean height of a cell, NaN where unknown.
 
-        To the errors of depth it adds those of the relief: of a cell at a rock only a part is
-        seen, its face or its top.
+        To the errors of depth it adds those that frames share, and those of the relief: of a cell
+        at a rock only a part is seen, its face or its top.
         """
-        return np.asarray(np.sqrt(self.variance_m2
-                                  + (_RELIEF * _relief(self.height_m)) ** 2), np.float32)
+        variance = self.variance_m2 + (_RELIEF * _relief(self.height_m)) ** 2
+        if self.doubt_m2 is not None:
+            variance = variance + self.doubt_m2
+        return np.asarray(np.sqrt(variance), np.float32)
 
 
 class ElevationMap:
@@ -80,9 +92,10 @@ class ElevationMap:
         n = config.cells
         self._height = np.zeros((n, n), np.float32)
         self._variance = np.zeros((n, n), np.float32)
+        self._doubt = np.zeros((n, n), np.float32)
         self._hits = np.zeros((n, n), np.int32)
         self._misses = np.zeros((n, n), np.int32)
-        self._sums = np.zeros((4, n, n), np.float64)
+        self._sums = np.zeros((5, n, n), np.float64)
         self._corner: NDArray[np.int64] | None = None      # cell of [0, 0], in cells of the world
         self._last: tuple[int, Array] | None = None
         self._seen_ns: int | None = None
@@ -134,13 +147,16 @@ class ElevationMap:
         h, w = depth_m.shape
         u = (np.arange(w) - K[0, 2]) / K[0, 0]
         v = (np.arange(h) - K[1, 2]) / K[1, 1]
-        noise = self.config.disparity_stddev_px / (K[0, 0] * baseline_m) if baseline_m else 0.0
+        # Of a disparity of 1 px, the inverse depth [1/m].
+        inverse = 1.0 / (K[0, 0] * baseline_m) if baseline_m else 0.0
         assert self._corner is not None
         self._sums[:] = 0.0
-        _scatter_depth(_without_edges(depth_m, int(self.config.hole_px * w / 640)), u, v, T,
-                       self._corner, self.config.cell_m, self.config.min_range_m,
-                       self.config.max_range_m, noise, _RANGE_STDDEV_M,
-                       self.config.height_stddev_m, self.config.grazing, self._sums)
+        config = self.config
+        _scatter_depth(np.ascontiguousarray(depth_m),
+                       _without_edges(depth_m, int(config.hole_px * w / 640)), u, v, T,
+                       self._corner, config.cell_m, config.min_range_m, config.max_range_m,
+                       inverse, config.disparity_stddev_px, _RANGE_STDDEV_M,
+                       config.height_stddev_m, config.grazing, self._sums)
         self._take_in(stamp_ns, depth_m.size, np.asarray(position_m, float))
         return anew
 
@@ -166,7 +182,8 @@ class ElevationMap:
         nan = np.float32(np.nan)
         origin = np.asarray(self._corner * self.config.cell_m, float)
         return Elevation(self._seen_ns, origin, self.config.cell_m,
-                         np.where(known, self._height, nan), np.where(known, self._variance, nan))
+                         *(np.where(known, array, nan)
+                           for array in (self._height, self._variance, self._doubt)))
 
     def _follow(self, stamp_ns: int, position_m: ArrayLike) -> bool:
         """Roll the map to the rover; return whether the pose has jumped, and all is forgotten."""
@@ -192,7 +209,8 @@ class ElevationMap:
         shift = wanted - self._corner
         if np.abs(shift).max() >= _STEP_CELLS:
             self._corner = wanted
-            for array in (self._height, self._variance, self._hits, self._misses):
+            for array in (self._height, self._variance, self._doubt, self._hits,
+                          self._misses):
                 _roll(array, int(shift[1]), int(shift[0]))
         return jumped
 
@@ -202,11 +220,11 @@ class ElevationMap:
             self._seen_ns = stamp_ns
         floor = config.height_stddev_m ** 2
         _average(self._sums, floor)
-        variance, mean, spread, count = self._sums
+        variance, mean, spread, count, doubt = self._sums
         if config.level_stddev_m > 0.0 or config.level_stddev_deg > 0.0:
             self._level(mean, variance, np.nonzero(count), position)
-        _fuse(mean, variance, spread, count, self._height, self._variance, self._hits,
-              self._misses, config.gate, _CONTRADICTIONS, floor / 4.0)
+        _fuse(mean, variance, spread, count, doubt, self._height, self._variance, self._doubt,
+              self._hits, self._misses, config.gate, _CONTRADICTIONS, floor / 4.0)
 
     def _level(self, mean: Array, variance: Array, seen: tuple[Index, ...],
                position: Array) -> None:
@@ -283,19 +301,38 @@ def _relief(heights: F32) -> F32:
 
 
 @compiled
-def _add(sums: Array, row: int, column: int, height: float, variance: float) -> None:
+def _add(sums: Array, row: int, column: int, height: float, variance: float,
+         doubt: float) -> None:
     """Add a height to the weighted sums of a cell."""
     weight = 1.0 / variance
     sums[0, row, column] += weight
     sums[1, row, column] += weight * height
     sums[2, row, column] += weight * height * height
     sums[3, row, column] += 1.0
+    sums[4, row, column] += weight * doubt
 
 
 @compiled
-def _scatter_depth(depth: F32, u: Array, v: Array, T: Array, corner: NDArray[np.int64],
-                   cell_m: float, near_m: float, far_m: float, noise: float, range_m: float,
-                   floor_m: float, grazing: float, sums: Array) -> None:
+def _bend(depth: F32, row: int, column: int, apart: int) -> float:
+    """Return the larger second difference of 1 / depth along row and column; 0 on a plane."""
+    rows, columns = depth.shape
+    middle, most = 2.0 / depth[row, column], 0.0
+    if apart <= row < rows - apart:
+        most = abs(1.0 / depth[row - apart, column] + 1.0 / depth[row + apart, column] - middle)
+        if not math.isfinite(most):
+            most = 0.0
+    if apart <= column < columns - apart:
+        bend = abs(1.0 / depth[row, column - apart] + 1.0 / depth[row, column + apart] - middle)
+        if math.isfinite(bend):
+            most = max(most, bend)
+    return most
+
+
+@compiled
+def _scatter_depth(whole: F32, depth: F32, u: Array, v: Array, T: Array, corner: NDArray[np.int64],
+                   cell_m: float, near_m: float, far_m: float, inverse_px: float, noise_px: float,
+                   range_m: float, floor_m: float, grazing: float, sums: Array) -> None:
+    noise = noise_px * inverse_px
     n = sums.shape[1]
     rows, columns = depth.shape
     apart = max(1, rows // 240)     # rows, between which a surface falls
@@ -329,8 +366,14 @@ def _scatter_depth(depth: F32, u: Array, v: Array, T: Array, corner: NDArray[np.
             height = T[2, 3] + z * dz
             along = z * z * noise + range_m
             # Along the ray, and across it on ground that is not level (slopes of 0.1).
-            variance = along * along * (dz * dz + 0.01) + floor_m * floor_m
-            _add(sums, iy, ix, height, variance)
+            upward = dz * dz + 0.01
+            variance = along * along * upward + floor_m * floor_m
+            doubt = 0.0
+            if noise > 0.0:
+                bend = max(_bend(whole, r, c, _EDGE_PX[0]), _bend(whole, r, c, _EDGE_PX[1]))
+                edge = _EDGE_SHARE * z * z * max(bend - _BEND_PX * inverse_px, 0.0)
+                doubt = (_SHARED * along * along + edge * edge) * upward
+            _add(sums, iy, ix, height, variance, doubt)
 
 
 @compiled
@@ -352,12 +395,12 @@ def _scatter_points(points: Array, T: Array, corner: NDArray[np.int64], cell_m: 
         rise = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z
         height = rise + T[2, 3]
         variance = range_m * range_m * ((rise / distance) ** 2 + 0.01) + floor_m * floor_m
-        _add(sums, iy, ix, height, variance)
+        _add(sums, iy, ix, height, variance, 0.0)
 
 
 @compiled
 def _average(sums: Array, floor: float) -> None:
-    """Turn the sums of a frame into variance, mean and spread of the heights of a cell."""
+    """Turn the sums of a frame into variance, mean, spread and doubt of the heights of a cell."""
     rows, columns = sums.shape[1:]
     for r in range(rows):
         for c in range(columns):
@@ -369,12 +412,14 @@ def _average(sums: Array, floor: float) -> None:
                 sums[0, r, c] = count / (weight * min(count, 4.0)) + floor
                 sums[1, r, c] = mean
                 sums[2, r, c] = max(sums[2, r, c] / weight - mean * mean, 0.0)
+                sums[4, r, c] /= weight
 
 
 @compiled
-def _fuse(mean: Array, variance: Array, spread: Array, count: Array, height: F32,
-          known_variance: F32, hits: NDArray[np.int32], misses: NDArray[np.int32], gate: float,
-          contradictions: int, least_variance: float) -> None:
+def _fuse(mean: Array, variance: Array, spread: Array, count: Array, doubt: Array, height: F32,
+          known_variance: F32, known_doubt: F32, hits: NDArray[np.int32],
+          misses: NDArray[np.int32], gate: float, contradictions: int,
+          least_variance: float) -> None:
     rows, columns = mean.shape
     for r in range(rows):
         for c in range(columns):
@@ -383,6 +428,7 @@ def _fuse(mean: Array, variance: Array, spread: Array, count: Array, height: F32
             if hits[r, c] == 0:
                 height[r, c] = mean[r, c]
                 known_variance[r, c] = variance[r, c]
+                known_doubt[r, c] = doubt[r, c]
                 hits[r, c] = 1
                 misses[r, c] = 0
                 continue
@@ -392,6 +438,7 @@ def _fuse(mean: Array, variance: Array, spread: Array, count: Array, height: F32
             if off * off <= gate * gate * (total + spread[r, c]):
                 gain = known_variance[r, c] / total
                 height[r, c] += gain * off
+                known_doubt[r, c] += gain * (doubt[r, c] - known_doubt[r, c])
                 known_variance[r, c] = max((1.0 - gain) * known_variance[r, c], least_variance)
                 hits[r, c] += 1
                 misses[r, c] = 0
@@ -400,5 +447,6 @@ def _fuse(mean: Array, variance: Array, spread: Array, count: Array, height: F32
                 if misses[r, c] >= min(contradictions, hits[r, c] + 1):
                     height[r, c] = mean[r, c]
                     known_variance[r, c] = variance[r, c]
+                    known_doubt[r, c] = doubt[r, c]
                     hits[r, c] = 1
                     misses[r, c] = 0

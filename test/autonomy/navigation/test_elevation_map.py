@@ -89,6 +89,30 @@ def test_wrong_matches_do_not_enter_a_known_cell_but_a_lasting_change_does():
     assert np.nanmedian(near) == pytest.approx(0.12, abs=0.01)
 
 
+def test_depth_smeared_around_a_block_is_stated_as_doubtful():
+    """A matcher gives the ground around a block its depth, half a window wide, in every frame."""
+    mapped = ElevationMap(TRUSTED)
+    for k in range(20):
+        T = camera(x=0.01 * k)
+        depth = seen(T)
+        # A rock from 1.2 m on, 19 px to both sides, is matched 6 px wider.
+        face = 1.2 - 0.01 * k + 0.02 * np.arange(16.0)[::-1, None]
+        depth[52:68, 55:105] = np.fmin(depth[52:68, 55:105], face)
+        mapped.add_depth(k * 10**8, depth, K, BASELINE_M, T, T[:3, 3])
+    found = mapped.elevation()
+    x, y = np.meshgrid(*found.centres_m)
+    error = np.abs(found.height_m)      # of the ground beside the rock, which is level
+    wrong = (error > 0.03) & (np.abs(y) > 0.18 * x)
+    assert wrong.sum() >= 6
+    # It is far beyond the errors of depth, which average out, and within those that do not.
+    assert (error[wrong] > 3.0 * np.sqrt(found.variance_m2[wrong])).all()
+    assert (error[wrong] < 3.0 * np.sqrt(found.doubt_m2[wrong])).all()
+    # Level ground far from it has a share of the errors of depth.
+    level = np.isfinite(found.height_m) & (np.abs(y) > 0.6) & (x < 2.0)
+    assert 0.0 < np.sqrt(found.doubt_m2[level]).max() < 0.01
+    assert np.all(found.stddev_m()[level] ** 2 > found.doubt_m2[level])
+
+
 def test_a_cell_is_known_after_three_frames():
     """Two wrong matches in a shadow, where nothing contradicts them, agree now and then."""
     mapped = ElevationMap(TRUSTED)
