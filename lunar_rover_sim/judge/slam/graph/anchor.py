@@ -88,7 +88,7 @@ class Anchor:
         self._relief = Relief(_MOST_M)
         self._next_m = _FIRST_M
         self._key = _SITE
-        self._seen_before: tuple[Match, float] | None = None    # the last look without a fix
+        self._seen_before: Match | None = None      # the last look without a fix
         self._in_a_row, self._scale = 0, math.inf       # mean square of the first fix's residuals
         self.fixes = self.looks = self.refused = self.contradicted = self.losses = 0
         self.is_fixed = self.is_blind = False
@@ -163,16 +163,15 @@ class Anchor:
         if not found.fits:
             self.refused += 1
             return ''
-        if found.others > _OTHERS or found.sigma_m > _SURE_M or chance(
-                self._orbital, cells, self._shift_m[:2], self._radius_m, found.square) > _CHANCE:
+        self._seen_before = found
+        if before is None or found.others > _OTHERS or found.sigma_m > _SURE_M:
             return ''       # not told yet
-        self._seen_before = found, self._relief.way_m
-        if before is None:
-            return ''
-        apart = (found.shift_m - before[0].shift_m)[:2]
-        P = (found.covariance + before[0].covariance)[:2, :2]
+        apart = (found.shift_m - before.shift_m)[:2]
+        P = (found.covariance + before.covariance)[:2, :2]
         if apart @ np.linalg.solve(P, apart) > float(chi2.ppf(_GATE, 2)):
-            self.refused += 1
+            self.refused += before.others <= _OTHERS
+            return ''
+        if chance(self._orbital, cells, self._shift_m[:2], self._radius_m, found) > _CHANCE:
             return ''
         moved = math.dist(found.shift_m[:2], self._shift_of(graph)[:2])
         self._hold(graph, cells, found)

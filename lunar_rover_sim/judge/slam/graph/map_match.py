@@ -5,18 +5,21 @@ pixels, of the cells, and of the odometry, whose height drifts. The height of th
 known; it is estimated with the place (generalised least squares; Rao, Linear Statistical
 Inference, 2nd ed., 1973, 4a.3). The heading is known.
 
-One of many places is always the best, on a wrong map too. How good the best of a wrong area is,
-the areas around tell: the least squares in them follow a law of extremes.
+Some craters are missing on a map: residuals that are far off count by their logarithm (Black and
+Anandan, Computer Vision and Image Understanding 63, 1996).
+
+One of many places is always the best, on a wrong map too. How well wrong places fit, all of the
+map around tells: the lowest of its minima follow a law of extremes.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
+from scipy.ndimage import minimum_filter
 from scipy.stats import chi2
 
 from lunar_rover_sim.base.frames import Array
@@ -24,23 +27,22 @@ from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
 from lunar_rover_sim.judge.slam.graph.relief import Cells
 
 _LEAST_CELLS = 8
-_STEP_PX = 0.5              # of the first grid, in pixels of the map
+_STEP_PX = 0.5              # of the first grid
 _FINE, _FINE_PX = 8, 0.125  # points of the second grid on each side, and their distance
-_TILE = 512                 # places that are compared at a time
-# What a map says of its errors is smooth. Besides, ground between its pixels is off by this share
-# of a pixel.
-_ALONE = 0.015
+_ROWS = 32                  # of the first grid that are compared at a time
+_ROBUST = 2.0               # standard deviations from which a residual counts by its logarithm
 # Relief of a few pixels, such as small craters, is missing on a map or has another shape: that
 # moves the likeliest place by so many pixels, in x and in y, all over a stretch of way.
 _MISSING_PX = 0.3
-_DRIFT_M = 0.01             # error of the height by odometry, for each root of a metre of way
+_DRIFT_M = 0.015            # error of the height by odometry, for each root of a metre of way
 _TILT_RAD = 1.5e-3          # of rover and map together
 _UNKNOWN_M = 100.0          # standard deviation of the height of the rover
 _QUANTILE = 0.999
 _BESIDE_PX = 3.0            # places farther from the best than this are others
-_RING, _LEAST_AREAS, _INSIDE = 2, 5, 0.4    # of areas around; share of one that is on the map
-_EULER = 0.5772156649       # mean of the Gumbel distribution
-LEAST_SIDE = 3.0 * math.sqrt(math.pi)   # of a map, in radii of doubt: nine areas
+# Of the minima of wrong places, this share is low, and at least so many.
+_LOW, _LEAST_LOW = 0.1, 20
+_AROUND = 3.5               # half of the side of what tells of wrong places, in radii of doubt
+LEAST_SIDE = 3.0 * math.sqrt(math.pi)   # of a map, in radii of doubt: nine areas as large
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,7 +56,6 @@ class Match:
         fits: Whether chi^2 believes that the rover is there.
         others: Share of the probability of other places.
         square: The least chi^2 on the first grid.
-        cells: How many heights were compared.
     """
 
     shift_m: Array
@@ -63,7 +64,6 @@ class Match:
     fits: bool
     others: float
     square: float
-    cells: int
 
     @property
     def sigma_m(self) -> float:
@@ -82,12 +82,14 @@ def match(orbital: OrbitalMap, cells: Cells, middle_m: Array, reach_m: float) ->
         return None
     likelihood = Likelihood(orbital, cells)
     pixel = orbital.pixel_m
-    shifts = disc(middle_m, reach_m, _STEP_PX * pixel)
-    square, _ = likelihood.at(shifts)
-    if not np.isfinite(square).any():
+    shifts, square = likelihood.on_grid(middle_m, reach_m)
+    near = (np.linalg.norm(shifts - middle_m, axis=-1) <= reach_m) & np.isfinite(square)
+    if not near.any():
         return None
-    best = shifts[np.nanargmin(square)]
-    fine = best + disc(np.zeros(2), np.inf, _FINE_PX * pixel, _FINE)
+    shifts, square = shifts[near], square[near]
+    best = shifts[np.argmin(square)]
+    axis = _FINE_PX * pixel * np.arange(-_FINE, _FINE + 1)
+    fine = best + np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     fine_square, heights = likelihood.at(fine)
     if not np.isfinite(fine_square).any():
         return None
@@ -102,7 +104,7 @@ def match(orbital: OrbitalMap, cells: Cells, middle_m: Array, reach_m: float) ->
     coarse = probability(square)
     beside = np.linalg.norm(shifts - best, axis=1) > _BESIDE_PX * pixel
     weight = probability(fine_square)
-    near = float(weight.sum()) * _FINE_PX**2
+    here = float(weight.sum()) * _FINE_PX**2
     others = float(coarse[beside].sum()) * _STEP_PX**2
     weight /= weight.sum()
     places = np.column_stack([fine, np.nan_to_num(heights)])
@@ -115,53 +117,40 @@ def match(orbital: OrbitalMap, cells: Cells, middle_m: Array, reach_m: float) ->
     if np.abs(mean[:2] - best).max() > 0.75 * _FINE * _FINE_PX * pixel:
         covariance[:2, :2] += (_FINE * _FINE_PX * pixel)**2 * np.eye(2)
     fits = low <= float(chi2.ppf(_QUANTILE, dof))
-    return Match(mean, covariance, scale, fits, others / (others + near),
-                 float(np.nanmin(square)), len(cells))
+    return Match(mean, covariance, scale, fits, others / (others + here),
+                 float(square.min()))
 
 
 def chance(orbital: OrbitalMap, cells: Cells, middle_m: Array, reach_m: float,
-           square: float) -> float:
-    """Return how likely the best place of an area fits as well, if the rover is not in it.
+           found: Match) -> float:
+    """Return how likely a place fits as well, if the rover is not where it was looked for.
 
-    The logarithms of the least chi^2 of areas that are as large, around the one that was searched,
-    are taken to have a Gumbel distribution, fitted by its moments (Gumbel, Statistics of Extremes,
-    1958): the lower tail of chi^2 is a power.
+    The logarithms of the lowest minima around are taken to have an exponential tail (Hill, Annals
+    of Statistics 3, 1975): that of chi^2 is a power.
 
     Args:
         middle_m, reach_m: As for `match`.
-        square: The least chi^2 that `match` found there.
+        found: What it found there.
 
     Returns:
-        1 where the map has too few areas to tell.
+        1 where the map has too few places to tell.
     """
-    likelihood, step_m = Likelihood(orbital, cells), _STEP_PX * orbital.pixel_m
-    side_m = math.sqrt(math.pi) * reach_m
-    area = disc(np.zeros(2), np.inf, step_m, int(0.5 * side_m / step_m))
-    west, south, east, north = orbital.bounds_m
-    low, high = cells.xy_m.min(axis=0), cells.xy_m.max(axis=0)
-    best = []
-    for place in itertools.product(range(-_RING, _RING + 1), repeat=2):
-        shifts = middle_m + side_m * np.array(place) + area
-        shifts = shifts[((shifts + low > (west, south)) & (shifts + high < (east, north))).all(
-            axis=1)]
-        if any(place) and len(shifts) >= _INSIDE * len(area):
-            squares, _ = likelihood.at(shifts)
-            if np.isfinite(squares).any():
-                best.append(math.log(np.nanmin(squares)))
-    if len(best) < _LEAST_AREAS:
+    shifts, square = Likelihood(orbital, cells).on_grid(middle_m, _AROUND * reach_m)
+    known = np.isfinite(square)
+    is_wrong = (np.linalg.norm(shifts - found.shift_m[:2], axis=-1)
+                > _BESIDE_PX * orbital.pixel_m)
+    size = 2 * round(_BESIDE_PX / _STEP_PX / 2.0) + 1
+    filled = np.where(known, square, np.inf)
+    lowest = known & is_wrong & (minimum_filter(filled, size) == filled)
+    minima = np.sort(square[lowest])
+    count = max(_LEAST_LOW, int(_LOW * len(minima)))
+    if len(minima) < 2 * count:
         return 1.0
-    beta = float(np.std(best, ddof=1)) * math.sqrt(6.0) / math.pi
-    mode = float(np.mean(best)) + _EULER * beta
-    return -math.expm1(-math.exp(min((math.log(square) - mode) / beta, 10.0)))
-
-
-def disc(middle_m: Array, reach_m: float, step_m: float, count: int | None = None) -> Array:
-    """Return (n, 2) points of a grid within a radius, or `count` of them to each side."""
-    if count is None:
-        count = int(np.ceil(reach_m / step_m))
-    axis = step_m * np.arange(-count, count + 1)
-    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    return np.asarray(middle_m + grid[np.linalg.norm(grid, axis=1) <= reach_m])
+    limit = minima[count]
+    power = count / float(np.log(limit / minima[:count]).sum())
+    share = math.pi * (reach_m / (_STEP_PX * orbital.pixel_m))**2 / int(known.sum())
+    expected = count * share * math.exp(min(power * math.log(found.square / limit), 10.0))
+    return -math.expm1(-expected)
 
 
 class Likelihood:
@@ -177,8 +166,8 @@ class Likelihood:
         same = np.sign(way)[:, None] == np.sign(way)[None]
         drift = np.where(same, np.minimum(np.abs(way)[:, None], np.abs(way)[None]), 0.0)
         local = xy - xy.mean(axis=0)
-        C = (config.height_stddev_m**2 * alike + (_ALONE * pixel_m)**2 * np.eye(len(xy))
-             + np.diag(cells.sigma_m**2) + _DRIFT_M**2 * drift + _TILT_RAD**2 * local @ local.T)
+        C = (config.height_stddev_m**2 * alike + np.diag(cells.sigma_m**2)
+             + _DRIFT_M**2 * drift + _TILT_RAD**2 * local @ local.T)
         self._W = solve_triangular(cholesky(C, lower=True), np.eye(len(xy)), lower=True)
         ones = self._W @ np.ones(len(xy))
         self.height_variance_m2 = 1.0 / float(ones @ ones + _UNKNOWN_M**-2)
@@ -189,12 +178,49 @@ class Likelihood:
 
         Both are NaN where a cell lies beyond the map.
         """
-        square, height = np.full(len(shifts_m), np.nan), np.full(len(shifts_m), np.nan)
-        for first in range(0, len(shifts_m), _TILE):
-            some = slice(first, first + _TILE)
-            there = self._orbital.height_at(shifts_m[some, None] + self._cells.xy_m[None])
-            residual = (there - self._cells.z_m) @ self._W.T
-            height[some] = residual @ self._ones * self.height_variance_m2
-            left = residual - height[some, None] * self._ones
-            square[some] = np.einsum('ij,ij->i', left, left)
-        return square, height
+        return self._of(self._orbital.height_at(shifts_m[:, None] + self._cells.xy_m[None]))
+
+    def on_grid(self, middle_m: Array, reach_m: float) -> tuple[Array, Array]:
+        """Return shifts (rows, columns, 2) and chi^2 (rows, columns) on a square, half pixels apart.
+
+        It ends where a cell comes to lie beyond the middles of the outer pixels.
+        """
+        xy, pixel_m = self._cells.xy_m + middle_m, self._orbital.pixel_m
+        first_m, step_m = np.array(self._orbital.first_m), _STEP_PX * pixel_m
+        low = np.maximum((xy.min(axis=0) - reach_m - first_m) // pixel_m, 0.0).astype(int)
+        high = np.maximum((xy.max(axis=0) + reach_m - first_m) // pixel_m + 3.0, 0.0).astype(int)
+        lattice = _on_half_pixels(self._orbital.heights_m[low[1]:high[1], low[0]:high[0]])
+        place = (xy - first_m - pixel_m * low) / step_m
+        reach = math.ceil(reach_m / step_m)
+        low = np.maximum(-reach, np.ceil(-place.min(axis=0))).astype(int)
+        most = np.array(lattice.shape[::-1]) - 2 - np.floor(place.max(axis=0)).astype(int)
+        columns, rows = np.maximum(np.minimum(reach, most) - low + 1, 0)
+        shifts = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1) + low
+        first = np.floor(place + low).astype(int)
+        part = place + low - first
+        square = np.empty((rows, columns))
+        for top in range(0, rows, _ROWS):
+            there = np.empty((min(_ROWS, rows - top), columns, len(place)))
+            for cell, ((column, row), (u, v)) in enumerate(zip(first, part)):
+                some = lattice[row + top:row + top + len(there) + 1, column:column + columns + 1]
+                some = (1.0 - u) * some[:, :-1] + u * some[:, 1:]
+                there[..., cell] = (1.0 - v) * some[:-1] + v * some[1:]
+            square[top:top + len(there)] = self._of(there)[0]
+        return middle_m + step_m * shifts, square
+
+    def _of(self, heights_m: Array) -> tuple[Array, Array]:
+        """Return chi^2 and the best shift of the heights for (..., n) heights of the map."""
+        residual = (heights_m - self._cells.z_m) @ self._W.T
+        height = residual @ self._ones * self.height_variance_m2
+        left = residual - height[..., None] * self._ones
+        return _ROBUST**2 * np.log1p((left / _ROBUST)**2).sum(axis=-1), height
+
+
+def _on_half_pixels(heights_m: Array) -> Array:
+    """Return heights, and those of the bilinear surface half way between."""
+    rows, columns = heights_m.shape
+    fine = np.empty((max(2 * rows - 1, 0), max(2 * columns - 1, 0)))
+    fine[::2, ::2] = heights_m
+    fine[1::2, ::2] = 0.5 * (fine[2::2, ::2] + fine[:-2:2, ::2])
+    fine[:, 1::2] = 0.5 * (fine[:, 2::2] + fine[:, :-2:2])
+    return fine

@@ -20,7 +20,8 @@ _FARTHEST_M = 8.0       # from the camera: the height of what lies farther says 
 _LEAST_POINTS = 6       # of a cell
 # Standard deviation of a height by stereo, and the share of the spread within a cell by which the
 # mean of the seen part of it is off that of the whole.
-_STEREO_M, _SEEN_PART = 0.025, 0.4
+_STEREO_M, _SEEN_PART = 0.02, 1.5
+_LEAST_M = 0.05         # spread of places that tells a slope
 
 
 class _Patch(NamedTuple):
@@ -113,7 +114,12 @@ class Relief:
             return np.asarray(np.bincount(cell, values) / count)
 
         x, y, z, s = (mean(values) for values in (*points.T, way))
-        spread = np.sqrt(np.maximum(mean((points[:, 2] - z[cell])**2), 0.0))
+        # What is left of the spread beside a plane: the mean of a plane is at the mean place.
+        u, v, w = (points - np.column_stack([x, y, z])[cell]).T
+        uu, vv, uv, uw, vw = (mean(a * b) for a, b in ((u, u), (v, v), (u, v), (u, w), (v, w)))
+        uu, vv = uu + _LEAST_M**2, vv + _LEAST_M**2
+        plane = (vv * uw**2 - 2.0 * uv * uw * vw + uu * vw**2) / (uu * vv - uv**2)
+        spread = np.sqrt(np.maximum(mean(w * w) - plane, 0.0))
         good = count >= _LEAST_POINTS
         middle_m = 0.5 * (patches[0].way_m + patches[-1].way_m)
         middle = min(patches, key=lambda patch: abs(patch.way_m - middle_m))
