@@ -158,7 +158,7 @@ class Likelihood:
 
     def __init__(self, orbital: OrbitalMap, cells: Cells) -> None:
         self._orbital, self._cells = orbital, cells
-        xy, config, pixel_m = cells.xy_m, orbital.config, orbital.pixel_m
+        xy, config = cells.xy_m, orbital.config
         apart = np.linalg.norm(xy[:, None] - xy[None], axis=2)
         alike = (np.exp(-(apart / config.correlation_m)**2) if config.correlation_m
                  else np.eye(len(xy)))
@@ -181,9 +181,11 @@ class Likelihood:
         return self._of(self._orbital.height_at(shifts_m[:, None] + self._cells.xy_m[None]))
 
     def on_grid(self, middle_m: Array, reach_m: float) -> tuple[Array, Array]:
-        """Return shifts (rows, columns, 2) and chi^2 (rows, columns) on a square, half pixels apart.
+        """Return shifts (rows, columns, 2) and chi^2 (rows, columns), half pixels apart.
 
-        It ends where a cell comes to lie beyond the middles of the outer pixels.
+        Args:
+            middle_m, reach_m: Middle and half of the side of their square; it ends where a cell
+                lies beyond the middles of the outer pixels.
         """
         xy, pixel_m = self._cells.xy_m + middle_m, self._orbital.pixel_m
         first_m, step_m = np.array(self._orbital.first_m), _STEP_PX * pixel_m
