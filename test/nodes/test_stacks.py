@@ -265,7 +265,7 @@ def test_ros2_control_turns_the_legs(tmp_path: Path, open_domain: int) -> None:
                     '--set', 'physics_node.real_time_factor=0.3',
                     '--set', 'run.nodes=[physics_node,recorder_node]')
     with open_bag(bag) as recorded:
-        times_ns, ours, theirs = [], [], []
+        times_ns, ours = [], []
         for _, t_ns, message in recorded.messages(['/joint_states']):
             times_ns.append(t_ns)
             ours.append(message.position)
