@@ -66,6 +66,11 @@ def _print(result: ImageComparison) -> None:
     if result.chance == result.chance:
         say(f'{DISTANCE}: Wasserstein, in decades; images shuffled between the sets '
             f'reach {result.chance:.3g}')
+    if result.resembling:
+        say('neighbouring images resemble each other: intervals and p of '
+            f'{", ".join(result.resembling)} are too small (correlation up to '
+            f'{max(result.resembling.values()):.1f}); compare fewer images by --frames, or more '
+            'drives')
     missing = [row.name for row in result.rows if not row.first.n or not row.second.n]
     if missing:
         say(f'not in both sets: {", ".join(missing)} (pairs or truth are missing)')

@@ -81,7 +81,7 @@ def export(folder: Path | None, output: Path, overwrite: bool, orbital: bool,
     Or the tracks of a recording (mesh or NPZ), or with --orbital a folder of maps.
     """
     if orbital:
-        _check_orbital(folder)
+        _check_orbital(folder, output)
         assert folder is not None
         check_folder(output)
         options.refuse_existing(output, overwrite)
@@ -137,8 +137,8 @@ def export(folder: Path | None, output: Path, overwrite: bool, orbital: bool,
     return 0
 
 
-def _check_orbital(folder: Path | None) -> None:
-    """Raise ConfigError where an option is given that is not for --orbital."""
+def _check_orbital(folder: Path | None, output: Path) -> None:
+    """Raise ConfigError where an option is given that is not for --orbital, or a file."""
     context = click.get_current_context()
     for param in context.command.params:
         given = context.get_parameter_source(param.name or '') is ParameterSource.COMMANDLINE
@@ -147,6 +147,9 @@ def _check_orbital(folder: Path | None) -> None:
                               f'{_ORBITAL}PARAM=VALUE')
     if folder is None:
         raise ConfigError('export: --orbital needs the folder of a world')
+    if output.suffix.lower() in SUFFIXES:
+        raise ConfigError(f'--output: {output} is not valid with --orbital, which writes a folder '
+                          f'with {", ".join(sorted(SUFFIXES))} in it; valid is a folder')
 
 
 def _export_orbital(folder: Path, output: Path, overrides: list[str],

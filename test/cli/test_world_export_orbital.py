@@ -76,3 +76,6 @@ def test_set_needs_orbital_and_a_folder_is_kept(moon: Path, tmp_path: Path,
     (tmp_path / 'maps').mkdir()
     assert main(['world', 'export', str(moon), '--orbital', '-o', str(tmp_path / 'maps')]) == 1
     assert 'exists already' in capsys.readouterr().err
+    assert main(['world', 'export', str(moon), '--orbital', '-o', str(tmp_path / 'm.tif')]) == 1
+    assert 'm.tif is not valid with --orbital, which writes a folder' in capsys.readouterr().err
+    assert not (tmp_path / 'm.tif').exists()

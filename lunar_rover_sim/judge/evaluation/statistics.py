@@ -231,9 +231,26 @@ def resampled(count: int, rng: np.random.Generator) -> NDArray[np.int64]:
     return places.reshape(RESAMPLES, -1)[:, :count]
 
 
+def resemblance(values: Array) -> float:
+    """Return how neighbours in a series (n,) are correlated where that is clear; else 0.
+
+    It is clear above 0.3 and above twice the error of the correlation of independent values,
+    n^(-1/2) (Bartlett, J. R. Stat. Soc. Suppl. 8, 1946). NaN are left out.
+    """
+    known = values[np.isfinite(values)]
+    off = known - known.mean() if len(known) else known
+    power = float(off @ off)
+    if power <= 0.0:
+        return 0.0
+    found = float(off[1:] @ off[:-1]) / power
+    return found if found > max(0.3, 2.0 / np.sqrt(len(known))) else 0.0
+
+
 def estimate(values: Array, rng: np.random.Generator,
              share: bool = False) -> tuple[SeriesMean, Array]:
     """Return the mean of (n,) values, NaN left out, and the means of the resamples.
+
+    The blocks are too short for neighbours that resemble each other much: `resemblance` says so.
 
     Args:
         share: Whether the values are shares, 0 to 1: the interval is then Wilson's, of as many

@@ -164,6 +164,25 @@ def test_the_interval_of_a_mean_covers_it(kind, count):
     assert least <= covered <= 0.965
 
 
+def test_series_whose_interval_is_too_narrow_are_told():
+    """By autoregression of 0.6 it covers four in five, and is told; independent series are not."""
+    def told(correlation):
+        rng = np.random.default_rng(3)
+        series = rng.standard_normal((400, 74))
+        for k in range(1, 74):
+            series[:, k] += correlation * series[:, k - 1]
+        found = [(statistics.estimate(one, rng)[0], statistics.resemblance(one) > 0.0)
+                 for one in series[:, 50:]]
+        return (np.mean([mean.low <= 0.0 <= mean.high for mean, _ in found]),
+                np.mean([is_told for _, is_told in found]))
+
+    covered, are_told = told(0.6)
+    assert covered < 0.9 and are_told > 0.5
+    covered, are_told = told(0.0)
+    assert covered > 0.92 and are_told < 0.06
+    assert statistics.resemblance(np.full(9, 2.0)) == statistics.resemblance(np.array([])) == 0.0
+
+
 def test_the_interval_of_a_share_covers_it_within_0_and_1():
     """In the mean of all shares, over all outcomes of 30 drives by their probabilities."""
     found = [statistics.Share.of(k, 30) for k in range(31)]
