@@ -155,6 +155,17 @@ def test_without_what_they_need_they_say_so(name: str) -> None:
     assert ended.returncode == 1 and ended.stderr and 'Traceback' not in ended.stderr
 
 
+@pytest.mark.parametrize('name', ['train_gait', 'train_feedback', 'train_walk'])
+def test_training_says_in_one_line_what_to_install(name: str) -> None:
+    hidden = ('import runpy, sys; sys.modules["cma"] = sys.modules["stable_baselines3"] = None; '
+              'runpy.run_path(sys.argv[1], run_name="__main__")')
+    path = FOLDER / 'learning' / f'{name}.py'
+    ended = subprocess.run([sys.executable, '-c', hidden, path], capture_output=True, text=True,
+                           cwd=path.parent)
+    assert ended.returncode == 1 and ended.stderr.count('\n') == 1
+    assert "install it by pip install -e '.[train]'" in ended.stderr
+
+
 @pytest.mark.ros
 def test_teleop() -> None:
     """Keys and a joystick give velocities, which are published."""

@@ -22,6 +22,7 @@ from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
 
 CONFIDENCE = 0.95
+NOTHING = 'nothing'             # of the frame is chosen by the first pose
 FIX_M = 3.0                     # a position is known where its standard deviation is below this
 _FALSE = 0.999                  # a fix is false beyond this quantile of chi^2
 _EXACT_M, _EXACT_RAD = 1e-3, 1e-4       # standard deviations of what is a choice of the frame
@@ -125,9 +126,10 @@ def consistency(truth: Trajectory, estimate: Trajectory) -> Consistency | None:
         return None
     frame, true = _in_frame(truth, estimate)
     turns = (estimate.rotations * true.rotations.inv()).as_rotvec()
-    P = estimate.covariances
-    return Consistency(frame, Nees.of(estimate.positions_m - true.positions_m, P[:, :3, :3]),
-                       Nees.of(turns, P[:, 3:, 3:]))
+    # A pose that chooses the frame is no estimate, however small the deviations it tells.
+    judged = slice(0 if frame == NOTHING else 1, None)
+    errors, P = (estimate.positions_m - true.positions_m)[judged], estimate.covariances[judged]
+    return Consistency(frame, Nees.of(errors, P[:, :3, :3]), Nees.of(turns[judged], P[:, 3:, 3:]))
 
 
 def fixes(truth: Trajectory, estimate: Trajectory) -> Fixes | None:
@@ -164,7 +166,7 @@ def _in_frame(truth: Trajectory, estimate: Trajectory) -> tuple[str, Trajectory]
     assert estimate.covariances is not None
     deviation = np.sqrt(np.maximum(np.diagonal(estimate.covariances[0]), 0.0))
     if not (deviation[:3] < _EXACT_M).all():
-        return 'nothing', truth
+        return NOTHING, truth
     turn = estimate.rotations[0] * truth.rotations[0].inv()
     if (deviation[3:] < _EXACT_RAD).all():
         frame = 'pose'

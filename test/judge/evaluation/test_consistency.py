@@ -50,6 +50,16 @@ def test_nees_is_what_the_covariances_deserve(told, nees):
     assert found[0].frame == 'pose' and found[0].position.poses == 39
 
 
+def test_an_estimate_of_one_pose_that_chooses_its_frame_is_not_judged():
+    """It tells deviations of a micrometre, and rounding may be as large."""
+    truth = wander(40, 3)
+    estimate = walked(truth, 1).select([0])
+    covariances = estimate.covariances + 1e-13 * np.eye(6)
+    found = consistency(truth.select([0]), dataclasses.replace(estimate, covariances=covariances))
+    assert found.frame == 'pose' and found.position.poses == found.orientation.poses == 0
+    assert np.isnan(found.position.per_dof)
+
+
 def test_an_alignment_changes_nothing_and_another_frame_of_the_rover_little():
     """The covariance follows the arm to a camera: there the same errors have the same NEES."""
     truth = wander(40, 4)
