@@ -163,15 +163,19 @@ class Anchor:
         if not found.fits:
             self.refused += 1
             return ''
+        # One look in a hundred at a wrong map is sure; two in a row hardly ever are.
+        is_sure = (found.others <= _OTHERS and found.sigma_m <= _SURE_M
+                   and chance(self._orbital, cells, self._shift_m[:2], self._radius_m,
+                              found) <= _CHANCE)
+        if not is_sure:
+            return ''
         self._seen_before = found
-        if before is None or found.others > _OTHERS or found.sigma_m > _SURE_M:
+        if before is None:
             return ''       # not told yet
         apart = (found.shift_m - before.shift_m)[:2]
         P = (found.covariance + before.covariance)[:2, :2]
         if apart @ np.linalg.solve(P, apart) > float(chi2.ppf(_GATE, 2)):
-            self.refused += before.others <= _OTHERS
-            return ''
-        if chance(self._orbital, cells, self._shift_m[:2], self._radius_m, found) > _CHANCE:
+            self.refused += 1
             return ''
         moved = math.dist(found.shift_m[:2], self._shift_of(graph)[:2])
         self._hold(graph, cells, found)
