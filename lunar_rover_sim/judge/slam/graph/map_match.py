@@ -18,6 +18,7 @@ import dataclasses
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 from scipy.ndimage import minimum_filter
 from scipy.stats import chi2
@@ -218,7 +219,7 @@ class Likelihood:
         return _ROBUST**2 * np.log1p((left / _ROBUST)**2).sum(axis=-1), height
 
 
-def _on_half_pixels(heights_m: Array) -> Array:
+def _on_half_pixels(heights_m: NDArray[np.float32]) -> Array:
     """Return heights, and those of the bilinear surface half way between."""
     rows, columns = heights_m.shape
     fine = np.empty((max(2 * rows - 1, 0), max(2 * columns - 1, 0)))
