@@ -66,10 +66,10 @@ def _print(result: ImageComparison) -> None:
     if result.chance == result.chance:
         say(f'{DISTANCE}: Wasserstein, in decades; images shuffled between the sets '
             f'reach {result.chance:.3g}')
-    if result.resembling:
+    if resembling := result.resembling:
         say('neighbouring images resemble each other: intervals and p of '
-            f'{", ".join(result.resembling)} are too small (correlation up to '
-            f'{max(result.resembling.values()):.1f}); compare fewer images by --frames, or more '
+            f'{", ".join(resembling)} are too small (correlation up to '
+            f'{max(resembling.values()):.1f}); compare fewer images by --frames, or more '
             'drives')
     missing = [row.name for row in result.rows if not row.first.n or not row.second.n]
     if missing:

@@ -148,8 +148,8 @@ def _check_orbital(folder: Path | None, output: Path) -> None:
     if folder is None:
         raise ConfigError('export: --orbital needs the folder of a world')
     if output.suffix.lower() in SUFFIXES:
-        raise ConfigError(f'--output: {output} is not valid with --orbital, which writes a folder '
-                          f'with {", ".join(sorted(SUFFIXES))} in it; valid is a folder')
+        raise ConfigError(f'--output: {output} is not valid with --orbital, which writes a '
+                          'folder; valid is a name without such a suffix')
 
 
 def _export_orbital(folder: Path, output: Path, overrides: list[str],

@@ -75,7 +75,7 @@ class GaitConfig(Parameters):
                                       open_low=True, live=True)
     max_flight_lead_radps: float = param(
         0.7, 'a leg in flight is driven at most this much faster than it turns: one that strikes '
-        'a rock does not throw the body; times the velocity gain of the motor it is a torque',
+        'a rock does not throw the body',
         unit='rad/s', low=0.0, high=200.0, open_low=True, live=True)
     max_phase_rate_hz: float = param(2.2, 'greatest phase rate', unit='Hz', low=0.0, high=10.0,
                                      open_low=True, live=True)
