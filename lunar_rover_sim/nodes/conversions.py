@@ -4,8 +4,8 @@ Images, camera infos, and the clouds of stereo and ground are in `image_conversi
 and scans in `lidar_node`, boxes and labels in `image_conversions`, sensors on request in
 `state_publisher`. The publishers of sun and diagnostics, and slam_node, fill theirs themselves.
 
-Quaternions are wxyz in the core and xyzw in messages. The `fill_` functions write every field that
-they name, so a message object that is made once can be published for every state.
+Quaternions are wxyz in the core and xyzw in messages. What physics publishes of every state is
+made in `state_publisher`: its numbers are written into CDR (`refilled`).
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import math
 from typing import Any, TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import (AccelStamped, Point, PoseStamped, PoseWithCovarianceStamped,
-                               Quaternion, Twist, TwistStamped, Vector3, WrenchStamped)
+from geometry_msgs.msg import (Point, PoseStamped, PoseWithCovarianceStamped, Quaternion, Twist,
+                               TwistStamped, Vector3)
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from lunar_rover_sim.base import frames
@@ -32,7 +32,6 @@ from lunar_rover_sim.rover.pose import RoverPose
 
 if TYPE_CHECKING:
     from lunar_rover_sim.rover.physics.state import RoverState
-    from lunar_rover_sim.sensors.imu import ImuSample
     from lunar_rover_sim.sensors.wheel_odometry import WheelOdometry
 
 # What messages state of exact values, in the squares of their units. Zeros would mean `unknown` in
@@ -45,29 +44,6 @@ _PLANAR = [0, 1, 5]     # x, y and yaw among the six axes of a pose or twist
 def time_msg(stamp_ns: int) -> Time:
     """Return a stamp [ns] as a message."""
     return Time(sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S)
-
-
-def fill_odometry(msg: Odometry, state: RoverState, stamp: Time,
-                  frame_id: str = frames.ODOM_FRAME,
-                  child_frame_id: str = frames.BASE_FRAME) -> Odometry:
-    """Write the true pose in the world and the true twist in base axes into `msg`; return it.
-
-    Covariances stay as they are: `set_odometry_covariance`.
-    """
-    _set_header(msg.header, stamp, frame_id)
-    msg.child_frame_id = child_frame_id
-    pose, twist = msg.pose.pose, msg.twist.twist
-    set_vector(pose.position, state.position_m)
-    _set_quaternion(pose.orientation, state.orientation_wxyz)
-    set_vector(twist.linear, state.linear_velocity_mps)
-    set_vector(twist.angular, state.angular_velocity_radps)
-    return msg
-
-
-def set_odometry_covariance(msg: Odometry) -> None:
-    """Write variances of pose and twist into `msg`, whose values are exact."""
-    for covariance in (msg.pose.covariance, msg.twist.covariance):
-        covariance[:] = EXACT_VARIANCE * np.eye(6).ravel()
 
 
 def fill_wheel_odometry(msg: Odometry, odometry: WheelOdometry) -> None:
@@ -158,57 +134,6 @@ def legs_of(msg: JointState, legs: Legs, field: str) -> Array:
     if not np.isfinite(found).all():
         raise GraphError(f'{field} {brief(list(values))} refused; valid is finite')
     return found
-
-
-def fill_imu_raw(msg: Imu, sample: ImuSample, accel_variance: float, gyro_variance: float,
-                 stamp: Time) -> Imu:
-    """Write the noisy signal into `msg` and return it.
-
-    It has no orientation (REP-145). The variances [m^2/s^4, rad^2/s^2] are those of the white
-    noise of one sample; for a sensor without noise `EXACT_VARIANCE`.
-    """
-    _set_header(msg.header, stamp, frames.IMU_FRAME)
-    set_vector(msg.linear_acceleration, sample.specific_force)
-    set_vector(msg.angular_velocity, sample.rate)
-    msg.orientation_covariance[0] = -1.0
-    for k in (0, 4, 8):
-        msg.linear_acceleration_covariance[k] = max(accel_variance, EXACT_VARIANCE)
-        msg.angular_velocity_covariance[k] = max(gyro_variance, EXACT_VARIANCE)
-    return msg
-
-
-def fill_imu_truth(msg: Imu, state: RoverState, imu_wxyz: Array, stamp: Time) -> Imu:
-    """Write the noise-free signal and the orientation of the IMU in `odom` into `msg`; return it.
-
-    Args:
-        imu_wxyz: (4,) orientation of the IMU in base_link.
-    """
-    _set_header(msg.header, stamp, frames.IMU_FRAME)
-    set_vector(msg.linear_acceleration, state.specific_force_mps2)
-    set_vector(msg.angular_velocity, state.imu_rate_radps)
-    wxyz = frames.product_wxyz(state.orientation_wxyz, imu_wxyz)
-    _set_quaternion(msg.orientation, wxyz if wxyz[0] >= 0.0 else -wxyz)
-    for covariance in (msg.orientation_covariance, msg.linear_acceleration_covariance,
-                       msg.angular_velocity_covariance):
-        covariance[0] = covariance[4] = covariance[8] = EXACT_VARIANCE
-    return msg
-
-
-def fill_imu_bias(msg: AccelStamped, sample: ImuSample, stamp: Time) -> AccelStamped:
-    """Write the true bias into `msg`: accelerometer in `linear`, gyroscope in `angular`."""
-    _set_header(msg.header, stamp, frames.IMU_FRAME)
-    set_vector(msg.accel.linear, sample.accel_bias)
-    set_vector(msg.accel.angular, sample.gyro_bias)
-    return msg
-
-
-def fill_wrench(msg: WrenchStamped, force_n: Array, torque_nm: Array, frame_id: str,
-                stamp: Time) -> WrenchStamped:
-    """Write the ground reaction on one leg, (3,) each in axes of the frame; return `msg`."""
-    _set_header(msg.header, stamp, frame_id)
-    set_vector(msg.wrench.force, force_n)
-    set_vector(msg.wrench.torque, torque_nm)
-    return msg
 
 
 def fill_entity_state(msg: Any, state: RoverState, stamp: Time, frame_id: str) -> None:

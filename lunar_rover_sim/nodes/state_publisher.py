@@ -7,13 +7,14 @@ import functools
 import math
 from typing import Any
 
-from builtin_interfaces.msg import Time
+from geometry_msgs.msg import AccelStamped, WrenchStamped
+from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.serialization import serialize_message
-from sensor_msgs.msg import BatteryState, PointCloud2
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import BatteryState, Imu, JointState, PointCloud2
 
 from lunar_rover_sim.bag.ground_points import points_of
 from lunar_rover_sim.base import frames, topics
@@ -24,8 +25,9 @@ from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.nodes import conversions, image_conversions, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import GraphNode
+from lunar_rover_sim.nodes.refilled import Refilled, RefilledTransforms, xyzw
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.rover.mounts import fixed_frames, imu_pose, moving_frames
+from lunar_rover_sim.rover.mounts import fixed_frames, imu_pose, MovingFrames
 from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
@@ -41,25 +43,25 @@ class StatePublisher:
     def __init__(self, node: Node, rover: RoverDescription, imu: ImuNoise,
                  config: PhysicsNodeConfig) -> None:
         self._rover = rover
-        self._config = config
+        self._imu = imu
+        self._imu_wxyz = frames.wxyz_from_matrix(imu_pose(rover)[:3, :3])
+        self._frames = MovingFrames(rover, config.pose_frames)
+        self._transforms = RefilledTransforms(self._frames.pairs)
         self._truth = config.truth
         # In the order of publishing. The clock is last: it means that the rest has been published.
         self._contacts = topics.of_legs([topics.CONTACT], rover.legs.names)
-        self._others = (self._truth, topics.IMU_RAW, topics.IMU_TRUTH, topics.IMU_BIAS,
-                        *self._contacts, *([topics.CLOCK] if config.publish_clock else []))
-        self._imu = imu
-        self._imu_variances = imu.white_noise_variances()
-        self._imu_wxyz = frames.wxyz_from_matrix(imu_pose(rover)[:3, :3])
-        # Message objects are refilled: making ten of them for every state would take longer than
-        # filling them.
-        self._messages: dict[str, Any] = {}
-        self._publishers: dict[str, Any] = {}
-        for topic in (topics.JOINT_STATES, *self._others):
-            message_type = message_class(topic.type)
-            self._messages[topic.name] = message_type()
-            self._publishers[topic.name] = node.create_publisher(message_type, topic.graph_name,
-                                                                 qos.offered(topic))
-        conversions.set_odometry_covariance(self._messages[self._truth.name])
+        messages = {
+            topics.JOINT_STATES: _joint_state(rover),
+            self._truth: _odometry(config),
+            topics.IMU_RAW: _imu_raw(imu),
+            topics.IMU_TRUTH: _imu_truth(),
+            topics.IMU_BIAS: Refilled.of(_headed(AccelStamped, frames.IMU_FRAME), 'accel'),
+            **{topic: Refilled.of(_headed(WrenchStamped, topic.frame_id), 'wrench')
+               for topic in self._contacts},
+            **({topics.CLOCK: Refilled.of(Clock())} if config.publish_clock else {})}
+        self._messages = {topic: (message, node.create_publisher(
+            message_class(topic.type), topic.graph_name, qos.offered(topic)))
+            for topic, message in messages.items()}
         self._tf = _tf_publisher(node, topics.TF)
         publish_frames(node, fixed_frames(rover))
 
@@ -78,7 +80,7 @@ class StatePublisher:
     @property
     def publishers(self) -> list[Any]:
         """Those of the messages that every state has."""
-        return [*self._publishers.values(), self._tf]
+        return [*(publisher for _, publisher in self._messages.values()), self._tf]
 
     def publish(self, state: RoverState, stamp_ns: int) -> None:
         """Publish one state with one stamp [ns].
@@ -86,41 +88,84 @@ class StatePublisher:
         First the joint states, which the gait controller answers in lockstep: it works while the
         rest is filled and sent.
         """
-        stamp = conversions.time_msg(stamp_ns)
-        conversions.fill_joint_state(self._messages[topics.JOINT_STATES.name], self._rover.legs,
-                                     state.joint_angle_rad, state.joint_velocity_radps,
-                                     state.motor_torque_nm, stamp)
-        self._send([topics.JOINT_STATES])
+        message, publisher = self._messages[topics.JOINT_STATES]
+        publisher.publish(message.filled(
+            stamp_ns, state.joint_angle_rad.tolist(), state.joint_velocity_radps.tolist(),
+            state.motor_torque_nm.tolist()))
         links = link_poses(self._rover, state.joint_angle_rad)
-        self._fill_others(state, links, stamp)
-        self._tf.publish(tf_message(moving_frames(
-            self._rover, state.T_world_base, links, self._config.pose_frames), stamp_ns))
-        self._send(self._others)
+        T_base_leg = np.array([links[leg] for leg in self._rover.legs.names])
+        T_world_base = state.T_world_base
+        numbers = self._numbers(state, T_world_base[:3, :3], T_base_leg)
+        # In one go, after all are filled: readers then wake up once, not once per message.
+        filled = [(publisher, message.filled(stamp_ns, *numbers.get(topic, ())))
+                  for topic, (message, publisher) in self._messages.items()
+                  if topic != topics.JOINT_STATES]
+        poses = self._frames.at(T_world_base, T_base_leg)
+        self._tf.publish(self._transforms.filled(stamp_ns, poses))
+        for publisher, data in filled:
+            publisher.publish(data)
 
-    def _send(self, published: Sequence[topics.Topic]) -> None:
-        # In one go, after all are serialised: readers then wake up once, not once per message.
-        serialised = [(topic.name, serialize_message(self._messages[topic.name]))
-                      for topic in published]
-        for name, data in serialised:
-            self._publishers[name].publish(data)
-
-    def _fill_others(self, state: RoverState, links: dict[str, Array], stamp: Time) -> None:
-        messages = self._messages
-        conversions.fill_odometry(messages[self._truth.name], state, stamp, self._truth.frame_id,
-                                  self._config.base_frame)
+    def _numbers(self, state: RoverState, R_world_base: Array, T_base_leg: Array,
+                 ) -> dict[topics.Topic, Sequence[Sequence[float]]]:
+        """Return the runs of numbers of each message, but those of the joint states."""
         sample = self._imu.measure(state.specific_force_mps2, state.imu_rate_radps)
-        conversions.fill_imu_raw(messages[topics.IMU_RAW.name], sample, *self._imu_variances,
-                                 stamp)
-        conversions.fill_imu_truth(messages[topics.IMU_TRUTH.name], state, self._imu_wxyz, stamp)
-        conversions.fill_imu_bias(messages[topics.IMU_BIAS.name], sample, stamp)
-        R_world_base = frames.matrix_from_wxyz(state.orientation_wxyz)
-        for k, (leg, topic) in enumerate(zip(self._rover.legs.names, self._contacts)):
-            R_leg_world = frames.rotated(links[leg][:3, :3].T, R_world_base).T
-            force, torque = (frames.rotated(R_leg_world, vectors[k]) for vectors in (
-                state.contact_force_n, state.contact_torque_nm))
-            conversions.fill_wrench(messages[topic.name], force, torque, topic.frame_id, stamp)
-        if self._config.publish_clock:
-            messages[topics.CLOCK.name].clock = stamp
+        wxyz = frames.product_wxyz(state.orientation_wxyz, self._imu_wxyz)
+        numbers: dict[topics.Topic, Sequence[Sequence[float]]] = {
+            self._truth: ((*state.position_m.tolist(), *xyzw(state.orientation_wxyz)),
+                          (*state.linear_velocity_mps.tolist(),
+                           *state.angular_velocity_radps.tolist())),
+            topics.IMU_RAW: (sample.rate.tolist(), sample.specific_force.tolist()),
+            topics.IMU_TRUTH: (xyzw(wxyz if wxyz[0] >= 0.0 else -wxyz),
+                               state.imu_rate_radps.tolist(), state.specific_force_mps2.tolist()),
+            topics.IMU_BIAS: ((*sample.accel_bias.tolist(), *sample.gyro_bias.tolist()),)}
+        R_leg_base = T_base_leg[:, None, :3, :3].swapaxes(-1, -2)
+        R_leg_world = frames.rotated(R_leg_base, R_world_base).swapaxes(-1, -2)
+        loads = np.stack([state.contact_force_n, state.contact_torque_nm], axis=1)
+        loads = frames.rotated(R_leg_world[:, None], loads).reshape(-1, 6)
+        numbers.update(zip(self._contacts, ((load,) for load in loads.tolist())))
+        return numbers
+
+
+def _headed(kind: Any, frame_id: str) -> Any:
+    message = kind()
+    message.header.frame_id = frame_id
+    return message
+
+
+def _joint_state(rover: RoverDescription) -> Refilled:
+    names = list(rover.legs.joint_names)
+    zeros = np.zeros(len(names))
+    return Refilled.of(JointState(name=names, position=zeros, velocity=zeros, effort=zeros),
+                       'position', 'velocity', 'effort')
+
+
+def _odometry(config: PhysicsNodeConfig) -> Refilled:
+    """Return the true pose in the world and the true twist in base axes."""
+    message = _headed(Odometry, config.truth.frame_id)
+    message.child_frame_id = config.base_frame
+    for covariance in (message.pose.covariance, message.twist.covariance):
+        covariance[:] = conversions.EXACT_VARIANCE * np.eye(6).ravel()
+    return Refilled.of(message, 'pose.pose', 'twist.twist')
+
+
+def _imu_raw(imu: ImuNoise) -> Refilled:
+    """Return the noisy signal, which has no orientation (REP-145)."""
+    message = _headed(Imu, frames.IMU_FRAME)
+    message.orientation_covariance[0] = -1.0
+    for covariance, variance in zip((message.linear_acceleration_covariance,
+                                     message.angular_velocity_covariance),
+                                    imu.white_noise_variances()):
+        covariance[:] = max(variance, conversions.EXACT_VARIANCE) * np.eye(3).ravel()
+    return Refilled.of(message, 'angular_velocity', 'linear_acceleration')
+
+
+def _imu_truth() -> Refilled:
+    """Return the signal without noise, and the orientation of the IMU in `odom`, w >= 0."""
+    message = _headed(Imu, frames.IMU_FRAME)
+    for covariance in (message.orientation_covariance, message.linear_acceleration_covariance,
+                       message.angular_velocity_covariance):
+        covariance[:] = conversions.EXACT_VARIANCE * np.eye(3).ravel()
+    return Refilled.of(message, 'orientation', 'angular_velocity', 'linear_acceleration')
 
 
 def publish_frames(node: Node, fixed: Sequence[tuple[str, str, Array]]) -> None:

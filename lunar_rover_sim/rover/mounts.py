@@ -70,42 +70,56 @@ def fixed_frames(rover: RoverDescription) -> tuple[tuple[str, str, Array], ...]:
             (frames.RIGHT_CAMERA_FRAME, frames.RIGHT_OPTICAL_FRAME, turn))
 
 
-def footprint_pose(rover: RoverDescription, R_world_base: Array,
-                   T_base_link: dict[str, Array]) -> Array:
-    """Return T_base_footprint (4, 4): no roll, no pitch, the yaw of base_link.
+class MovingFrames:
+    """All frames that move: the content of tf.
+
+    Attributes:
+        pairs: (parent, child) of each.
+    """
+
+    def __init__(self, rover: RoverDescription, pose: tuple[str, str] | None) -> None:
+        """Take parent and child of the pose of base_link.
+
+        None leaves it out, and the footprint. A child other than base_link has no footprint.
+        """
+        base = frames.BASE_FRAME
+        self.pairs = [(base, frames.leg_frame(leg)) for leg in rover.legs.names]
+        self._footprint = None
+        self._has_pose = pose is not None
+        if pose is not None:
+            self.pairs.append(pose)
+            if pose[1] == base:
+                self.pairs.append((base, frames.FOOTPRINT_FRAME))
+                self._footprint = Footprint(rover)
+
+    def at(self, T_world_base: Array, T_base_leg: Array) -> list[Array]:
+        """Return (4, 4) T_parent_child of each, of (4, 4) base_link and (legs, 4, 4) legs."""
+        found = list(T_base_leg)
+        if self._has_pose:
+            found.append(T_world_base)
+        if self._footprint is not None:
+            found.append(self._footprint.pose(T_world_base[:3, :3], T_base_leg))
+        return found
+
+
+class Footprint:
+    """base_footprint: no roll, no pitch, the yaw of base_link.
 
     The origin lies vertically below (above) that of base_link, at the height of the lowest point
     of the spheres at the tips of the spokes.
-
-    Args:
-        R_world_base: (3, 3) orientation of base_link.
-        T_base_link: Leg → (4, 4), as `visual.link_poses` returns them.
     """
-    legs = rover.legs
-    tips = (legs.spoke_length_m - legs.tip_radius_m) * np.array(legs.spoke_directions())
-    places = np.concatenate([frames.rotated(T_base_link[leg][:3, :3], tips)
-                             + T_base_link[leg][:3, 3] for leg in legs.names])
-    height_m = float(frames.rotated(R_world_base, places)[:, 2].min()) - legs.tip_radius_m
-    x, y = (R_world_base[:2, 0] / math.hypot(*R_world_base[:2, 0])).tolist()
-    axes = np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
-    return se3(frames.rotated(R_world_base.T, axes).T, R_world_base[2] * height_m)
 
+    def __init__(self, rover: RoverDescription) -> None:
+        legs = rover.legs
+        self._radius_m = legs.tip_radius_m
+        self._tips_m = (legs.spoke_length_m - legs.tip_radius_m) * np.array(
+            legs.spoke_directions())
 
-def moving_frames(rover: RoverDescription, T_world_base: Array, T_base_link: dict[str, Array],
-                  pose: tuple[str, str] | None) -> list[tuple[str, str, Array]]:
-    """Return (parent, child, (4, 4) T_parent_child) of all frames that move: the content of tf.
-
-    Args:
-        T_world_base: (4, 4) pose of base_link.
-        T_base_link: Leg → (4, 4), as `visual.link_poses` returns them.
-        pose: Parent and child of T_world_base; None leaves it out, and the footprint. A child
-            other than base_link has no footprint.
-    """
-    base = frames.BASE_FRAME
-    found = [(base, frames.leg_frame(leg), T_base_link[leg]) for leg in rover.legs.names]
-    if pose is not None:
-        found.append((*pose, T_world_base))
-        if pose[1] == base:
-            found.append((base, frames.FOOTPRINT_FRAME,
-                          footprint_pose(rover, T_world_base[:3, :3], T_base_link)))
-    return found
+    def pose(self, R_world_base: Array, T_base_leg: Array) -> Array:
+        """Return T_base_footprint (4, 4), of (3, 3) base_link and (legs, 4, 4) legs."""
+        legs = T_base_leg[:, None]
+        places = frames.rotated(legs[..., :3, :3], self._tips_m) + legs[..., :3, 3]
+        height_m = float(frames.rotated(R_world_base, places)[..., 2].min()) - self._radius_m
+        x, y = (R_world_base[:2, 0] / math.hypot(*R_world_base[:2, 0])).tolist()
+        axes = np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
+        return se3(frames.rotated(R_world_base.T, axes).T, R_world_base[2] * height_m)

@@ -1,5 +1,6 @@
 """What is published of every state: transforms, order, messages that are refilled."""
 
+from collections.abc import Callable, Sequence
 import dataclasses
 import logging
 from typing import Any
@@ -150,45 +151,102 @@ def test_the_order_of_a_state(state: RoverState) -> None:
     assert len(order) == len(set(order)) == 10
 
 
-def test_refilled_messages_equal_new_ones() -> None:
-    """Nothing of the state before is left in the messages of the next one."""
+def sent_twice(rover: RoverDescription, imu: ImuConfig, states: Sequence[RoverState],
+               ) -> Callable[[topics.Topic, Any], Any]:
+    """Return what reads the second message of a topic, of one publisher of two states."""
+    node = FakeNode()
+    publisher = state_publisher.StatePublisher(
+        node, rover, ImuNoise(imu, 200, np.random.default_rng(1)),  # type: ignore[arg-type]
+        PhysicsNodeConfig())
+    for k, each in enumerate(states):
+        publisher.publish(each, 5_000_000 + k * 1_234_567_890_123)
+    return lambda topic, kind: deserialize_message(node.sent[topic.graph_name][1], kind)
+
+
+def test_messages_hold_the_second_state() -> None:
+    """Nothing of the state before is left in messages whose numbers are written anew."""
     rng = np.random.default_rng(3)
     first, second = random_state(rng), random_state(rng)
     rover = RoverDescription()
-    mount = dataclasses.replace(rover.imu, rpy_deg=(10.0, -20.0, 60.0))
-    rover = dataclasses.replace(rover, imu=mount)
-    noise, same = (ImuNoise(ImuConfig(), 200, np.random.default_rng(1)) for _ in range(2))
-    node = FakeNode()
-    publisher = state_publisher.StatePublisher(node, rover, noise,  # type: ignore[arg-type]
-                                               PhysicsNodeConfig())
-    publisher.publish(first, 5_000_000)
-    publisher.publish(second, 1_234_567_890_123)
+    read = sent_twice(rover, ImuConfig(), (first, second))
+    same = ImuNoise(ImuConfig(), 200, np.random.default_rng(1))
     same.measure(first.specific_force_mps2, first.imu_rate_radps)
     sample = same.measure(second.specific_force_mps2, second.imu_rate_radps)
-    stamp = conversions.time_msg(1_234_567_890_123)
-    odometry = Odometry()
-    conversions.set_odometry_covariance(odometry)
-    imu_wxyz = frames.wxyz_from_matrix(imu_pose(rover)[:3, :3])
+    stamp = conversions.time_msg(1_234_572_890_123)
+
+    def numbers(vector: Any) -> list[float]:
+        return [vector.x, vector.y, vector.z]
+
+    def turn(quaternion: Any) -> list[float]:
+        return [quaternion.w, *numbers(quaternion)]
+
+    odom = read(topics.ODOM, Odometry)
+    assert (odom.header.frame_id, odom.child_frame_id) == ('odom', 'base_link')
+    assert numbers(odom.pose.pose.position) == second.position_m.tolist()
+    assert turn(odom.pose.pose.orientation) == second.orientation_wxyz.tolist()
+    assert numbers(odom.twist.twist.linear) == second.linear_velocity_mps.tolist()
+    assert numbers(odom.twist.twist.angular) == second.angular_velocity_radps.tolist()
+    joints = read(topics.JOINT_STATES, JointState)
+    assert list(joints.name) == list(Legs().joint_names)
+    for found, expected in ((joints.position, second.joint_angle_rad),
+                            (joints.velocity, second.joint_velocity_radps),
+                            (joints.effort, second.motor_torque_nm)):
+        assert list(found) == expected.tolist()
+    noisy, truth = read(topics.IMU_RAW, Imu), read(topics.IMU_TRUTH, Imu)
+    for imu, force, rate in ((noisy, sample.specific_force, sample.rate),
+                             (truth, second.specific_force_mps2, second.imu_rate_radps)):
+        assert numbers(imu.linear_acceleration) == force.tolist()
+        assert numbers(imu.angular_velocity) == rate.tolist()
+        assert imu.header.frame_id == 'imu_link'
+    bias = read(topics.IMU_BIAS, AccelStamped).accel
+    assert numbers(bias.linear) + numbers(bias.angular) == [*sample.accel_bias, *sample.gyro_bias]
     links = link_poses(rover, second.joint_angle_rad)
-    expected = {
-        topics.CLOCK: Clock(clock=stamp),
-        topics.ODOM: conversions.fill_odometry(odometry, second, stamp),
-        topics.JOINT_STATES: conversions.fill_joint_state(
-            JointState(), Legs(), second.joint_angle_rad, second.joint_velocity_radps,
-            second.motor_torque_nm, stamp),
-        topics.IMU_RAW: conversions.fill_imu_raw(Imu(), sample, *same.white_noise_variances(),
-                                                 stamp),
-        topics.IMU_TRUTH: conversions.fill_imu_truth(Imu(), second, imu_wxyz, stamp),
-        topics.IMU_BIAS: conversions.fill_imu_bias(AccelStamped(), sample, stamp),
-        **{topic: conversions.fill_wrench(WrenchStamped(),
-                                          frames.rotated(R.T, second.contact_force_n[k]),
-                                          frames.rotated(R.T, second.contact_torque_nm[k]),
-                                          f'{leg}_link', stamp)
-           for k, (leg, topic) in enumerate(zip(
-               Legs().names, topics.of_legs([topics.CONTACT], Legs().names)))
-           for R in [frames.rotated(links[leg][:3, :3].T,
-                                    frames.matrix_from_wxyz(second.orientation_wxyz))]}}
-    for topic, message in expected.items():
-        # As sent: a message that is refilled is serialised before the next one.
-        sent = deserialize_message(node.sent[topic.graph_name][1], type(message))
-        assert sent == message, topic.name
+    R_world_base = frames.matrix_from_wxyz(second.orientation_wxyz)
+    wrenches = []
+    for k, (leg, topic) in enumerate(zip(
+            Legs().names, topics.of_legs([topics.CONTACT], Legs().names))):
+        wrench = read(topic, WrenchStamped)
+        wrenches.append(wrench)
+        assert wrench.header.frame_id == f'{leg}_link'
+        for found, expected in ((wrench.wrench.force, second.contact_force_n[k]),
+                                (wrench.wrench.torque, second.contact_torque_nm[k])):
+            in_world = R_world_base @ links[leg][:3, :3] @ numbers(found)
+            assert in_world == pytest.approx(expected)
+    assert read(topics.CLOCK, Clock).clock == stamp
+    for message in (odom, joints, noisy, truth, *wrenches):
+        assert message.header.stamp == stamp
+
+
+def test_the_orientation_of_the_imu() -> None:
+    """The truth has it in `odom`, w positive; the noisy signal says that it has none."""
+    rover = RoverDescription()
+    mount = dataclasses.replace(rover.imu, rpy_deg=(10.0, -20.0, 60.0))
+    rover = dataclasses.replace(rover, imu=mount)
+    state = random_state(np.random.default_rng(4))
+    for sign in (1.0, -1.0):
+        turned = dataclasses.replace(state, orientation_wxyz=sign * state.orientation_wxyz)
+        read = sent_twice(rover, ImuConfig(), (state, turned))
+        q = read(topics.IMU_TRUTH, Imu).orientation
+        expected = frames.wxyz_from_matrix(
+            frames.matrix_from_wxyz(state.orientation_wxyz) @ imu_pose(rover)[:3, :3])
+        assert [q.w, q.x, q.y, q.z] == pytest.approx(expected.tolist(), abs=1e-12)
+    assert read(topics.IMU_RAW, Imu).orientation_covariance[0] == -1.0
+
+
+def test_what_covariances_state(state: RoverState) -> None:
+    """Zeros would mean `unknown`; robot_localization raises less than 1e-9, and says so."""
+    read = sent_twice(RoverDescription(), ImuConfig(), (state, state))
+    noisy, truth, odom = (read(topics.IMU_RAW, Imu), read(topics.IMU_TRUTH, Imu),
+                          read(topics.ODOM, Odometry))
+    force, rate = ImuNoise(ImuConfig(), 200, np.random.default_rng(1)).white_noise_variances()
+    assert noisy.linear_acceleration_covariance.tolist() == np.diag([force] * 3).ravel().tolist()
+    assert noisy.angular_velocity_covariance.tolist() == np.diag([rate] * 3).ravel().tolist()
+    clean = sent_twice(RoverDescription(), ImuConfig(enabled=False), (state, state))(
+        topics.IMU_RAW, Imu)
+    for covariance in (clean.linear_acceleration_covariance, clean.angular_velocity_covariance,
+                       truth.orientation_covariance, truth.linear_acceleration_covariance,
+                       truth.angular_velocity_covariance):
+        assert covariance.tolist() == np.diag([1e-8] * 3).ravel().tolist()
+    for covariance in (odom.pose.covariance, odom.twist.covariance):
+        variances = np.linalg.eigvalsh(covariance.reshape(6, 6))
+        assert np.all((variances >= 1e-9) & (variances <= 1e-7))

@@ -15,7 +15,7 @@ from lunar_rover_sim.rover.description import (Chassis, ImuMount, Legs, LidarMou
                                                rectangle, RoverDescription, save_rover,
                                                StereoMount)
 from lunar_rover_sim.rover.mjcf import IMU_SITE, rover_spec, tip_geom
-from lunar_rover_sim.rover.mounts import (camera_poses, footprint_pose, imu_pose, lidar_pose,
+from lunar_rover_sim.rover.mounts import (camera_poses, Footprint, imu_pose, lidar_pose,
                                           optical_poses)
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.rover.visual import link_poses, visual_parts
@@ -219,8 +219,8 @@ def test_the_footprint_is_level_below_the_lowest_foot():
     rover = OTHER
     R_world_base = frames.matrix_from_wxyz(frames.wxyz_from_rpy(0.05, 0.2, 2.5))
     links = link_poses(rover, [0.1, 0.7, -0.3, 2.0])
-    T_world_foot = frames.se3(R_world_base, np.zeros(3)) @ footprint_pose(
-        rover, R_world_base, links)
+    T_world_foot = frames.se3(R_world_base, np.zeros(3)) @ Footprint(rover).pose(
+        R_world_base, np.array([links[leg] for leg in Legs().names]))
     roll, pitch, yaw = frames.rpy_from_wxyz(frames.wxyz_from_matrix(T_world_foot[:3, :3]))
     assert [roll, pitch, yaw] == pytest.approx([0.0, 0.0, 2.5], abs=1e-9)
     assert T_world_foot[:2, 3] == pytest.approx([0.0, 0.0], abs=1e-12)
