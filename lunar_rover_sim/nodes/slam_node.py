@@ -25,8 +25,8 @@ from lunar_rover_sim.image.camera.encoding import eight_bits, ENCODINGS
 from lunar_rover_sim.image.stereo.depth import grey
 from lunar_rover_sim.judge.slam import protocol
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor, Doubt
-from lunar_rover_sim.judge.slam.graph.collected import AIDS
 from lunar_rover_sim.judge.slam.graph.in_process import GraphTracker
+from lunar_rover_sim.judge.slam.graph.measured import AIDS
 from lunar_rover_sim.judge.slam.program import command_words, program_settings, SlamProgram
 from lunar_rover_sim.judge.slam.protocol import FrameSet
 from lunar_rover_sim.nodes import conversions, node_main, qos

@@ -31,7 +31,7 @@ from lunar_rover_sim.base.frames import wxyz_from_matrix  # noqa: E402
 from lunar_rover_sim.cli.main import execute  # noqa: E402
 from lunar_rover_sim.image.camera.config import CameraConfig  # noqa: E402
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate  # noqa: E402
-from lunar_rover_sim.judge.evaluation.trajectory_sources import load  # noqa: E402
+from lunar_rover_sim.judge.evaluation.trajectory_files import load  # noqa: E402
 from lunar_rover_sim.judge.slam.graph import from_bag  # noqa: E402
 from lunar_rover_sim.judge.slam.graph.measured import Stars  # noqa: E402
 from lunar_rover_sim.products.inspection.check import check  # noqa: E402

@@ -14,7 +14,7 @@ from lunar_rover_sim.cli.main import execute
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.judge.evaluation.trajectory_files import read_trajectory
 from lunar_rover_sim.judge.slam.euroc_reader import Camera
-from lunar_rover_sim.judge.slam.graph import from_bag, motions, odometry, pose_graph
+from lunar_rover_sim.judge.slam.graph import from_bag, odometry, pose_graph
 from lunar_rover_sim.judge.slam.graph.measured import Wheels
 from lunar_rover_sim.judge.slam.graph.odometry import GraphOdometry
 
@@ -144,7 +144,7 @@ def test_wheels_of_large_covariances_give_no_variance_below_0():
     """Their difference may have one: of rounding, or where another model made them."""
     before = Wheels(np.array([37.05, 16.41, 0.58]), np.diag([57.4, 182.6, 0.4264]))
     now = Wheels(np.array([37.29, 16.57, 0.62]), np.diag([57.3, 182.7, 0.4290]))
-    _, covariance = motions.rolled(before, now)
+    _, covariance = pose_graph.rolled(before, now)
     assert np.linalg.eigvalsh(covariance)[0] > 0.0
     np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
 

@@ -4,8 +4,7 @@ from judge.slam import relief_walk
 import numpy as np
 import pytest
 
-from lunar_rover_sim.judge.slam.graph.map_match import chance, Likelihood, match
-from lunar_rover_sim.judge.slam.graph.relief import Cells, Relief
+from lunar_rover_sim.judge.slam.graph.map_match import Cells, chance, Likelihood, match, Relief
 
 
 def cells(length_m=50.0):

@@ -22,9 +22,9 @@ from scipy.stats import chi2
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.frames import Array, inverse, se3
 from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
-from lunar_rover_sim.judge.slam.graph.map_match import chance, LEAST_SIDE, Match, match
+from lunar_rover_sim.judge.slam.graph.map_match import (Cells, chance, LEAST_SIDE, Match, match,
+                                                        Relief)
 from lunar_rover_sim.judge.slam.graph.pose_graph import PoseGraph
-from lunar_rover_sim.judge.slam.graph.relief import Cells, Relief
 
 # What is known of the place: not yet; since the first fix; not any more; the heading is not known.
 PLACES = LOOKING, FIXED, LOST, NOT_USED = 'looking', 'fixed', 'lost', 'not used'

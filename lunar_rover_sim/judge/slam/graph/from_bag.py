@@ -20,8 +20,7 @@ from lunar_rover_sim.judge.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.judge.slam.estimators import Estimate
 from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor
-from lunar_rover_sim.judge.slam.graph.collected import AIDS, Collected
-from lunar_rover_sim.judge.slam.graph.measured import Aids
+from lunar_rover_sim.judge.slam.graph.measured import AIDS, Aids, Collected
 from lunar_rover_sim.judge.slam.graph.odometry import GraphOdometry, Located
 from lunar_rover_sim.judge.slam.graph.pose_graph import has_gtsam, MISSING
 from lunar_rover_sim.judge.slam.reference.odometry import VisualOdometry

@@ -15,8 +15,7 @@ import numpy as np
 from lunar_rover_sim.judge.slam.client import answer, reference
 from lunar_rover_sim.judge.slam.euroc_reader import Camera
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor
-from lunar_rover_sim.judge.slam.graph.collected import Collected
-from lunar_rover_sim.judge.slam.graph.measured import Aids
+from lunar_rover_sim.judge.slam.graph.measured import Aids, Collected
 from lunar_rover_sim.judge.slam.graph.odometry import GraphOdometry
 from lunar_rover_sim.judge.slam.graph.pose_graph import has_gtsam, MISSING
 from lunar_rover_sim.judge.slam.program import program_settings

@@ -1,5 +1,8 @@
 """Where on a map from orbit the rover's relief lies: the likelihood of each place, on a grid.
 
+The relief is that of the corners of keyframes, which are there anyway: some hundred of each, up to
+some metres ahead. Its cells are as large as a pixel of the map.
+
 The residuals of the heights have a covariance: errors of the map, which hang together over some
 pixels, of the cells, and of the odometry, whose height drifts. The height of the rover is not
 known; it is estimated with the place (generalised least squares; Rao, Linear Statistical
@@ -14,8 +17,11 @@ map around tells: the lowest of its minima follow a law of extremes.
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Mapping
 import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +31,118 @@ from scipy.stats import chi2
 
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
-from lunar_rover_sim.judge.slam.graph.relief import Cells
+
+_FARTHEST_M = 8.0       # from the camera: the height of what lies farther says little
+_LEAST_POINTS = 6       # of a cell
+# Standard deviation of a height by stereo, and the share of the spread within a cell by which the
+# mean of the seen part of it is off that of the whole.
+_STEREO_M, _SEEN_PART = 0.02, 1.5
+_LEAST_M = 0.05         # spread of places that tells a slope
+
+
+class _Patch(NamedTuple):
+    key: int
+    way_m: float
+    points_m: Array     # (n, 3) in base
+
+
+@dataclasses.dataclass(frozen=True)
+class Cells:
+    """Heights of cells, in the frame of the graph's map.
+
+    Attributes:
+        xy_m: (n, 2) mean places of what was seen in them.
+        z_m: (n,) mean heights.
+        sigma_m: (n,) their standard deviations.
+        way_m: (n,) from where on the way they were seen.
+        key: Of the keyframe in the middle of the way.
+        middle_m: Its place on the way.
+    """
+
+    xy_m: Array
+    z_m: Array
+    sigma_m: Array
+    way_m: Array
+    key: int
+    middle_m: float
+
+    def __len__(self) -> int:
+        return len(self.z_m)
+
+
+class Relief:
+    """What was seen from the last keyframes, as points in their axes: it moves with the graph.
+
+    Attributes:
+        way_m: Way so far.
+    """
+
+    def __init__(self, most_m: float) -> None:
+        """Begin.
+
+        Args:
+            most_m: Way of which it remembers what was seen.
+        """
+        self._most_m = most_m
+        self._patches: deque[_Patch] = deque()
+        self._before: Array | None = None
+        self.way_m = 0.0
+
+    @property
+    def seen_m(self) -> float:
+        """The way of which it remembers what was seen."""
+        return self.way_m - self._patches[0].way_m if self._patches else 0.0
+
+    def add(self, key: int, T_map_base: Array, points_m: Array, T_base_left: Array) -> None:
+        """Take the points (n, 3) of a keyframe, in its left camera."""
+        place = T_map_base[:2, 3]
+        if self._before is not None:
+            self.way_m += float(math.dist(place, self._before))
+        self._before = place.copy()
+        near = points_m[points_m[:, 2] < _FARTHEST_M]
+        self._patches.append(_Patch(key, self.way_m, near @ T_base_left[:3, :3].T
+                                    + T_base_left[:3, 3]))
+        while self._patches[0].way_m < self.way_m - self._most_m:
+            self._patches.popleft()
+
+    def forget(self) -> None:
+        """Begin a new stretch of the way."""
+        self._patches.clear()
+
+    def cells(self, poses: Mapping[int, Array], size_m: float) -> Cells | None:
+        """Return the cells of the remembered way; None where nothing was seen.
+
+        Args:
+            poses: T_map_base (4, 4) of the keyframes.
+            size_m: Side of a cell.
+        """
+        patches = [patch for patch in self._patches if patch.key in poses and len(patch.points_m)]
+        if not patches:
+            return None
+        points = np.vstack([patch.points_m @ poses[patch.key][:3, :3].T + poses[patch.key][:3, 3]
+                            for patch in patches])
+        way = np.repeat([patch.way_m for patch in patches], [len(p.points_m) for p in patches])
+        _, cell, count = np.unique(np.floor(points[:, :2] / size_m).astype(int), axis=0,
+                                   return_inverse=True, return_counts=True)
+        cell = cell.ravel()
+
+        def mean(values: Array) -> Array:
+            return np.asarray(np.bincount(cell, values) / count)
+
+        x, y, z, s = (mean(values) for values in (*points.T, way))
+        # What is left of the spread beside a plane: the mean of a plane is at the mean place.
+        u, v, w = (points - np.column_stack([x, y, z])[cell]).T
+        uu, vv, uv, uw, vw = (mean(a * b) for a, b in ((u, u), (v, v), (u, v), (u, w), (v, w)))
+        uu, vv = uu + _LEAST_M**2, vv + _LEAST_M**2
+        plane = (vv * uw**2 - 2.0 * uv * uw * vw + uu * vw**2) / (uu * vv - uv**2)
+        spread = np.sqrt(np.maximum(mean(w * w) - plane, 0.0))
+        good = count >= _LEAST_POINTS
+        middle_m = 0.5 * (patches[0].way_m + patches[-1].way_m)
+        middle = min(patches, key=lambda patch: abs(patch.way_m - middle_m))
+        return Cells(np.column_stack([x, y])[good], z[good],
+                     np.hypot(_STEREO_M, _SEEN_PART * spread)[good], s[good], middle.key,
+                     middle.way_m)
+
 
 _LEAST_CELLS = 8
 _STEP_PX = 0.5              # of the first grid

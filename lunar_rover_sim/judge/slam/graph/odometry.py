@@ -24,11 +24,10 @@ from lunar_rover_sim.base.frames import Array, inverse, se3
 from lunar_rover_sim.judge.evaluation.trajectory import Stamps, Trajectory, wxyz
 from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor
-from lunar_rover_sim.judge.slam.graph.keyframes import Keyframe, keyframe
 from lunar_rover_sim.judge.slam.graph.measured import Aids, Stars, Sun, Turns, Wheels
-from lunar_rover_sim.judge.slam.graph.motions import composed, difference, fused, rolled
-from lunar_rover_sim.judge.slam.graph.places import Places
-from lunar_rover_sim.judge.slam.graph.pose_graph import adjoint, gate, PoseGraph
+from lunar_rover_sim.judge.slam.graph.places import Keyframe, keyframe, Places
+from lunar_rover_sim.judge.slam.graph.pose_graph import (adjoint, composed, difference, fused,
+                                                         gate, PoseGraph, rolled)
 from lunar_rover_sim.judge.slam.graph.two_pairs import matched_motion, Motion, tracked_motion
 
 _KEYFRAME_M, _KEYFRAME_RAD = 0.25, math.radians(12.0)

@@ -17,9 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.base.frames import Array, inverse, se3
 from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
-from lunar_rover_sim.judge.slam.graph.keyframes import Keyframe
-from lunar_rover_sim.judge.slam.reference.features import track
-from lunar_rover_sim.judge.slam.reference.geometry import locate, project
+from lunar_rover_sim.judge.slam.graph.places import Keyframe
+from lunar_rover_sim.judge.slam.reference.geometry import locate, project, track
 
 MIN_INLIERS = 20
 _RATIO = 0.85               # of the distances to the best and the second descriptor
