@@ -11,11 +11,10 @@ from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.judge.slam.client import reference
 from lunar_rover_sim.judge.slam.euroc_reader import Camera, Frame
 from lunar_rover_sim.judge.slam.protocol import FrameSet
-from lunar_rover_sim.judge.slam.reference.bundle import Problem, residuals
-from lunar_rover_sim.judge.slam.reference.features import detect, disparities, track
-from lunar_rover_sim.judge.slam.reference.geometry import (from_disparity, locate, project,
-                                                           triangulate, two_views)
-from lunar_rover_sim.judge.slam.reference.odometry import VisualOdometry
+from lunar_rover_sim.judge.slam.reference.geometry import (detect, disparities, from_disparity,
+                                                           locate, project, track, triangulate,
+                                                           two_views)
+from lunar_rover_sim.judge.slam.reference.odometry import Problem, residuals, VisualOdometry
 
 CAMERA = Camera((300.0, 300.0), (159.5, 119.5), 0.1)
 MONO = Camera(CAMERA.focal_px, CAMERA.centre_px)
