@@ -16,9 +16,8 @@ from lunar_rover_sim.judge.evaluation.drive_evaluation import evaluate_drive
 from lunar_rover_sim.judge.evaluation.map_evaluation import CELL_M, evaluate_maps, NEAR_M, Rates
 from lunar_rover_sim.judge.evaluation.registration import MODES
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate, Evaluation
-from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum_covariance
+from lunar_rover_sim.judge.evaluation.trajectory_files import bag_of, load, write_tum_covariance
 from lunar_rover_sim.judge.evaluation.trajectory_plots import save_plots
-from lunar_rover_sim.judge.evaluation.trajectory_sources import bag_of, load
 from lunar_rover_sim.run.recorded_run import FRAMES
 
 TOLD = 'estimate_covariance.txt'

@@ -8,7 +8,7 @@ from typing import Any
 
 from lunar_rover_sim.base.errors import ConfigError, GraphError
 from lunar_rover_sim.base.seconds import in_seconds
-from lunar_rover_sim.judge.evaluation.trajectory_sources import POSES_OF
+from lunar_rover_sim.judge.evaluation.trajectory_files import POSES_OF
 from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import TimeJump

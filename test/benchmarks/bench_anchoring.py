@@ -20,9 +20,9 @@ from scipy.spatial.transform import Rotation
 from lunar_rover_sim.base.files.results import markdown_table
 from lunar_rover_sim.base.frames import inverse, se3
 from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
-from lunar_rover_sim.judge.evaluation.consistency import fixes, Nees
 from lunar_rover_sim.judge.evaluation.statistics import Median, Share
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory, wxyz
+from lunar_rover_sim.judge.evaluation.trajectory_evaluation import fixes, Nees
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor, Doubt
 from lunar_rover_sim.judge.slam.graph.pose_graph import PoseGraph
 from lunar_rover_sim.judge.studies.study_folder import StudyFolder

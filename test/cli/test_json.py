@@ -15,8 +15,7 @@ from lunar_rover_sim.campaign.dataset import Dataset
 from lunar_rover_sim.cli import main as main_module
 from lunar_rover_sim.cli.main import load, main
 from lunar_rover_sim.ground.world.world_folder import save_world
-from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum
-from lunar_rover_sim.judge.evaluation.trajectory_sources import trajectory_of_topic
+from lunar_rover_sim.judge.evaluation.trajectory_files import trajectory_of_topic, write_tum
 from lunar_rover_sim.products.inspection.report import Status
 
 # Command → its words, and what its result holds.

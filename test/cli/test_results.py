@@ -11,8 +11,7 @@ from lunar_rover_sim import evaluate, Trajectory
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum
-from lunar_rover_sim.judge.evaluation.trajectory_sources import trajectory_of_topic
+from lunar_rover_sim.judge.evaluation.trajectory_files import trajectory_of_topic, write_tum
 
 
 @pytest.fixture(scope='module', name='bag')

@@ -13,7 +13,7 @@ from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.bag.series import picture, read_calibration, read_imu, read_odometry
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import LunarRoverSimError
-from lunar_rover_sim.judge.evaluation.trajectory_sources import load
+from lunar_rover_sim.judge.evaluation.trajectory_files import load
 from lunar_rover_sim.products.inspection.check import check
 from lunar_rover_sim.products.inspection.report import Status
 

@@ -19,9 +19,9 @@ from lunar_rover_sim.base.files.results import json_text, plain
 from lunar_rover_sim.image.camera.encoding import EIGHT_BITS, has_16_bits
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
-from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum, write_tum_covariance
+from lunar_rover_sim.judge.evaluation.trajectory_files import (trajectory_of_topic, write_tum,
+                                                               write_tum_covariance)
 from lunar_rover_sim.judge.evaluation.trajectory_plots import save_plots
-from lunar_rover_sim.judge.evaluation.trajectory_sources import trajectory_of_topic
 from lunar_rover_sim.judge.slam import euroc_reader
 from lunar_rover_sim.judge.slam.estimators import ANCHORED, Estimate, Estimator, join
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor

@@ -12,9 +12,9 @@ from scipy.stats import chi2
 from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.frames import se3
 from lunar_rover_sim.cli.main import execute
-from lunar_rover_sim.judge.evaluation.consistency import consistency, fixes, nees_interval
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory, wxyz
-from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
+from lunar_rover_sim.judge.evaluation.trajectory_evaluation import (consistency, evaluate, fixes,
+                                                                    nees_interval)
 from lunar_rover_sim.judge.evaluation.trajectory_files import (read_trajectory, write_tum,
                                                                write_tum_covariance)
 

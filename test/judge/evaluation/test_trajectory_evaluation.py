@@ -14,7 +14,6 @@ from lunar_rover_sim.base.errors import ConfigError, EvaluationError
 from lunar_rover_sim.base.frames import inverse, se3
 from lunar_rover_sim.cli.main import execute
 from lunar_rover_sim.judge.evaluation import trajectory_files
-from lunar_rover_sim.judge.evaluation import trajectory_sources as sources
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.products.inspection.summary import summarise
 
@@ -28,7 +27,7 @@ def bag(tmp_path_factory) -> Path:
 
 def test_the_command_notes_a_moved_map_or_else_a_wrong_frame(bag, tmp_path, capsys):
     """All orientations are off where the frame is another one, and where a map is not aligned."""
-    truth = sources.load(bag)
+    truth = trajectory_files.load(bag)
     turned = truth.of_frame(np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0],
                                       [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]))
 
@@ -54,19 +53,19 @@ def test_where_images_are_not_recorded_their_camera_info_tells_the_stamps(bag, t
     """As of a bag of a live run, which has the poses and no images."""
     infos = [i for i in synthetic.drive(0.5, only=synthetic.FOR_ESTIMATORS)
              if i.topic in (topics.ODOM.name, topics.LEFT_INFO.name)]
-    stamps = sources.image_stamps_ns(synthetic.write(tmp_path / 'bag', infos))
-    assert stamps.tolist() == sources.image_stamps_ns(bag)[:len(stamps)].tolist()
+    stamps = trajectory_files.image_stamps_ns(synthetic.write(tmp_path / 'bag', infos))
+    assert stamps.tolist() == trajectory_files.image_stamps_ns(bag)[:len(stamps)].tolist()
     assert len(stamps) == 5
     neither = [i for i in infos if i.topic == topics.ODOM.name]
-    assert sources.image_stamps_ns(synthetic.write(tmp_path / 'poses', neither)) is None
+    assert trajectory_files.image_stamps_ns(synthetic.write(tmp_path / 'poses', neither)) is None
 
 
 def test_the_command_judges_a_bag(bag, tmp_path, capsys):
     """A camera trajectory in its own frame has no error against the bag it was made from."""
-    truth = sources.load(bag)
-    T_base_left = sources.frame_on_rover(bag, 'left')
+    truth = trajectory_files.load(bag)
+    T_base_left = trajectory_files.frame_on_rover(bag, 'left')
     assert np.allclose(T_base_left, synthetic.T_base_camera(+1.0))
-    stamps = sources.image_stamps_ns(bag)
+    stamps = trajectory_files.image_stamps_ns(bag)
     keep = np.isin(truth.stamps_ns, stamps[:-3])
     camera = truth.of_frame(T_base_left)
     start = se3(camera.rotations[0].as_matrix(), camera.positions_m[0])
@@ -86,8 +85,9 @@ def test_the_command_judges_a_bag(bag, tmp_path, capsys):
 
 def test_files_bags_and_trajectories_are_judged_alike(bag, tmp_path):
     """A path, its text and what was loaded from it give the same result, in frozen form."""
-    truth = sources.load(bag)
-    estimate = truth.of_frame(sources.frame_on_rover(bag, 'left')).select(np.arange(0, 200, 7))
+    truth = trajectory_files.load(bag)
+    estimate = truth.of_frame(trajectory_files.frame_on_rover(bag, 'left')).select(
+        np.arange(0, 200, 7))
     file = tmp_path / 'estimate.txt'
     trajectory_files.write_tum(file, estimate)
     results = [evaluate(a, b, align='none', estimate_frame='left', distance_m=0.05)
@@ -116,13 +116,13 @@ def test_two_files_are_judged_as_what_they_hold(tmp_path):
 
 def test_the_length_of_the_path_is_that_of_the_recording(bag):
     """Whatever was tracked, and by which sensor: that of the summary."""
-    truth = sources.load(bag)
+    truth = trajectory_files.load(bag)
     driven = summarise(bag).distance_m
     assert driven == pytest.approx(synthetic.SPEED * 1.495, rel=1e-3)
     assert truth.length_m == driven
     first_half = truth.select(np.arange(len(truth) // 2))
     assert evaluate(bag, first_half).length_m == driven
-    camera = truth.of_frame(sources.frame_on_rover(bag, 'left'))
+    camera = truth.of_frame(trajectory_files.frame_on_rover(bag, 'left'))
     assert evaluate(bag, camera, estimate_frame='left').length_m == driven
 
 

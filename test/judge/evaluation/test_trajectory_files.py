@@ -12,7 +12,6 @@ import pytest
 from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.judge.evaluation import trajectory_files
-from lunar_rover_sim.judge.evaluation import trajectory_sources as sources
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
 
@@ -63,7 +62,7 @@ def test_bad_files_are_named(tmp_path, name):
     text, words = BAD_FILES[name]
     (tmp_path / name).write_text(text)
     with pytest.raises(EvaluationError, match=words) as error:
-        sources.load(tmp_path / name)
+        trajectory_files.load(tmp_path / name)
     assert name in str(error.value) and '\n' not in str(error.value)
 
 
@@ -93,9 +92,9 @@ def test_files_without_stamps_are_not_given_any_in_silence(tmp_path, monkeypatch
 def test_more_bad_input(tmp_path):
     (tmp_path / 'binary.txt').write_bytes(b'\xff\xfe\x00')
     with pytest.raises(EvaluationError, match='not a text file'):
-        sources.load(tmp_path / 'binary.txt')
+        trajectory_files.load(tmp_path / 'binary.txt')
     with pytest.raises(EvaluationError, match='no such file'):
-        sources.load(tmp_path / 'missing.txt')
+        trajectory_files.load(tmp_path / 'missing.txt')
     truth = wander(100, 11)
     late = Trajectory(truth.stamps_ns + 10**12, truth.positions_m, truth.orientations_wxyz, 'e')
     with pytest.raises(EvaluationError, match='e: 0 of 100 poses lie within 0.02 s of truth'):

@@ -9,8 +9,8 @@ from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.judge.evaluation import trajectory_plots
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
+from lunar_rover_sim.judge.evaluation.trajectory_files import load
 from lunar_rover_sim.judge.evaluation.trajectory_plots import save_plots, top_view_svg
-from lunar_rover_sim.judge.evaluation.trajectory_sources import load
 
 
 def drive(stands: bool = False) -> Trajectory:

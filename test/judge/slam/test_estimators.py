@@ -17,8 +17,7 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import BagError, EvaluationError, ProcessError, SlamError
 from lunar_rover_sim.base.seconds import EPOCH_NS
 from lunar_rover_sim.cli.main import execute, main
-from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum
-from lunar_rover_sim.judge.evaluation.trajectory_sources import load
+from lunar_rover_sim.judge.evaluation.trajectory_files import load, write_tum
 from lunar_rover_sim.judge.slam import euroc_reader
 from lunar_rover_sim.judge.slam.estimators import Estimator, read_estimate
 from lunar_rover_sim.judge.slam.run_on_bag import run_on_bag, SlamResult

@@ -18,7 +18,7 @@ from lunar_rover_sim.cli.main import execute
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.judge.evaluation import trajectory_files
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
-from lunar_rover_sim.judge.evaluation.trajectory_sources import load
+from lunar_rover_sim.judge.evaluation.trajectory_files import load
 from lunar_rover_sim.products.sequences.export import export, FORMATS
 from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS, settings
 from lunar_rover_sim.products.sequences.sensors import described_sensors, recorded_sensors
