@@ -11,8 +11,8 @@ from lunar_rover_sim.base.files.paths import make_new_folder
 from lunar_rover_sim.base.gravity import EARTH_MPS2, MOON_MPS2
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
-from lunar_rover_sim.judge.studies import ground_comparison
 from lunar_rover_sim.judge.studies import locomotion as pitch
+from lunar_rover_sim.judge.studies import terramechanics
 from lunar_rover_sim.judge.studies.gait_measurement import (COMMANDS, CommandTracking,
                                                             measure_commands, MeasurementSettings)
 from lunar_rover_sim.judge.studies.locomotion import STEADY_FROM_S
@@ -65,15 +65,15 @@ def locomotion(scenario: str, overrides: list[str], output: Path, speeds: Sequen
             tracking = measure_commands(
                 COMMANDS, table, MeasurementSettings(loaded.rover, physics, gait), workers,
                 progress)
-        walks: ground_comparison.Walks = {}
+        walks: terramechanics.Walks = {}
         if grounds:
             progress.start('walking on soft ground')
-            walks = ground_comparison.walk_study(
+            walks = terramechanics.walk_study(
                 WalkSettings(loaded.rover, physics, gait), grounds, sorted(set(speeds)),
                 range(1, seeds + 1), workers, progress)
     text = pitch.write_all(cases, tracking, output)
     if walks:
-        text += '\n' + ground_comparison.write_walks(walks, output)
+        text += '\n' + terramechanics.write_walks(walks, output)
     print_markdown(text)
     say(f'written: {output}')
     return 0 if all(each.followed for each in tracking) else 1

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
-from lunar_rover_sim.judge.studies import traverse_report
+from lunar_rover_sim.judge.studies import traverse as report
 from lunar_rover_sim.judge.studies.terramechanics import Ground
 from lunar_rover_sim.judge.studies.traverse import study, Traverse, TraverseSettings, TraverseStore
 from lunar_rover_sim.run.scenario import Scenario
@@ -60,9 +60,9 @@ def traverse(scenario: str, overrides: list[str], seeds: int, first_seed: int, d
                 settings, physics=dataclasses.replace(physics, ground=ground)), workers, show)
         done.sort(key=lambda result: result.seed)
     if grounds:
-        text = traverse_report.write_grounds(results, loaded.name, output)
+        text = report.write_grounds(results, loaded.name, output)
     else:
-        text = traverse_report.write_all(next(iter(results.values())), loaded.name, output)
+        text = report.write_all(next(iter(results.values())), loaded.name, output)
     print_markdown(text)
     say(f'written: {output}')
-    return 0 if all(map(traverse_report.acceptable, results.values())) else 1
+    return 0 if all(map(report.acceptable, results.values())) else 1

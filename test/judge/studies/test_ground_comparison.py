@@ -8,10 +8,9 @@ import pytest
 
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.judge.studies.ground_comparison import (compare, comparison_text,
-                                                             plot_comparison, Quantity, walk_study,
-                                                             write_walks)
-from lunar_rover_sim.judge.studies.terramechanics import WalkSettings
+from lunar_rover_sim.judge.studies.terramechanics import (compare, comparison_text,
+                                                          plot_comparison, Quantity, walk_study,
+                                                          WalkSettings, write_walks)
 from lunar_rover_sim.judge.studies.traverse import Traverse, TraverseStore
 from lunar_rover_sim.run.scenario import Scenario
 

@@ -10,11 +10,10 @@ from lunar_rover_sim.autonomy.path_following.config import DriveConfig
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.rocks import Rocks
-from lunar_rover_sim.judge.studies.traverse import (CORRIDOR_M, is_stranded, obstacles,
-                                                    random_waypoints, traverse, Traverse,
-                                                    TraverseSettings)
-from lunar_rover_sim.judge.studies.traverse_report import (acceptable, plot_paths, report_text,
-                                                           write_csv)
+from lunar_rover_sim.judge.studies.traverse import (acceptable, CORRIDOR_M, is_stranded, obstacles,
+                                                    plot_paths, random_waypoints, report_text,
+                                                    traverse, Traverse, TraverseSettings,
+                                                    write_csv)
 from lunar_rover_sim.judge.studies.walking import flat_world
 
 
