@@ -14,7 +14,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import get_typestore, Stores
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.bag.qos import contract_qos
+from lunar_rover_sim.bag.metadata import contract_qos
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.base import frames, topics

@@ -20,9 +20,8 @@ from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.metadata import dump_qos_v9
 
 from lunar_rover_sim.bag import marker
-from lunar_rover_sim.bag.metadata import (bag_information, check_files, storage_files, StorageFile,
-                                          write_metadata)
-from lunar_rover_sim.bag.qos import qos_of_text
+from lunar_rover_sim.bag.metadata import (bag_information, check_files, qos_of_text, storage_files,
+                                          StorageFile, write_metadata)
 from lunar_rover_sim.bag.reader import open_bag, typestore_of
 from lunar_rover_sim.bag.writer import BagWriter, in_words
 from lunar_rover_sim.base.errors import BagError

@@ -31,8 +31,8 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysEr
 from rosbags.typesys.store import Typestore
 
 from lunar_rover_sim.bag import marker
-from lunar_rover_sim.bag.metadata import bag_information, StorageFile, write_metadata
-from lunar_rover_sim.bag.qos import as_recorded, contract_qos
+from lunar_rover_sim.bag.metadata import (as_recorded, bag_information, contract_qos, StorageFile,
+                                          write_metadata)
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.bag.totals import REAL_TIME_FACTOR, RECORDED_COUNTS, RESUMED_NS
 from lunar_rover_sim.base.errors import BagError, one_line

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import synthetic_bag as synthetic
 
-from lunar_rover_sim.bag.plain_cdr import PlainCdr
+from lunar_rover_sim.bag.content_hash import PlainCdr
 from lunar_rover_sim.bag.reader import open_bag
 
 KINDS = ('nav_msgs/msg/Odometry', 'sensor_msgs/msg/Imu', 'sensor_msgs/msg/JointState',

@@ -9,7 +9,7 @@ import synthetic_bag as synthetic
 import yaml
 
 from lunar_rover_sim.bag import marker
-from lunar_rover_sim.bag.qos import as_recorded, contract_qos, qos_of_text
+from lunar_rover_sim.bag.metadata import as_recorded, contract_qos, qos_of_text
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.writer import BagWriter, COMPRESSIONS
 from lunar_rover_sim.base import topics
