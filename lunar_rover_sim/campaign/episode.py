@@ -21,7 +21,7 @@ import time
 import uuid
 
 from lunar_rover_sim.base.errors import CampaignError, LunarRoverSimError, one_line, with_extra
-from lunar_rover_sim.campaign.episode_plans import EpisodePlan
+from lunar_rover_sim.campaign.campaign_file import EpisodePlan
 from lunar_rover_sim.campaign.manifest import (EPISODES, ERROR_FILE, FAILED, LOG_FILE, MANIFEST,
                                                PARTIAL, PLAN_FILE, read_json, STOP_FILE, TASK_FILE,
                                                TOKEN_FILE, write_json)

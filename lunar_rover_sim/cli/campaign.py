@@ -9,14 +9,14 @@ import click
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.paths import counted
-from lunar_rover_sim.campaign.campaign_file import Campaign, load_campaign
+from lunar_rover_sim.campaign.campaign_file import (Campaign, draw, episode_names,
+                                                    episode_scenario, load_campaign, plan)
 from lunar_rover_sim.campaign.card import write_card
 from lunar_rover_sim.campaign.dataset import Dataset, DatasetProgress
+from lunar_rover_sim.campaign.dataset import status as status_of
+from lunar_rover_sim.campaign.dataset import verify as verify_files
 from lunar_rover_sim.campaign.episode import EpisodeTask, Outcome, run_local, run_on_cluster
-from lunar_rover_sim.campaign.episode_plans import draw, episode_names, episode_scenario, plan
 from lunar_rover_sim.campaign.sharding import TEST, VALIDATION, write_shards
-from lunar_rover_sim.campaign.verification import status as status_of
-from lunar_rover_sim.campaign.verification import verify as verify_files
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_json, Progress, say
 from lunar_rover_sim.products.sequences.webdataset import DEFAULT_SIZE

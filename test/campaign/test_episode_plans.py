@@ -9,10 +9,10 @@ import yaml
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.paths import packaged_names
-from lunar_rover_sim.campaign.campaign_file import (Campaign, Distribution, episode_seed,
-                                                    LATIN_HYPERCUBE, load_campaign, parse_campaign,
-                                                    RANDOM, SOBOL, unit_points)
-from lunar_rover_sim.campaign.episode_plans import draw, episode, plan
+from lunar_rover_sim.campaign.campaign_file import (Campaign, Distribution, draw, episode,
+                                                    episode_seed, LATIN_HYPERCUBE, load_campaign,
+                                                    parse_campaign, plan, RANDOM, SOBOL,
+                                                    unit_points)
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.scenario import Scenario

@@ -12,9 +12,8 @@ import pytest
 
 from lunar_rover_sim.base.errors import brief, CampaignError, ConfigError, LunarRoverSimError
 from lunar_rover_sim.base.files.yaml_text import parse_yaml
-from lunar_rover_sim.campaign.campaign_file import parse_campaign
+from lunar_rover_sim.campaign.campaign_file import draw, episode, parse_campaign
 from lunar_rover_sim.campaign.card import make_card, write_card
-from lunar_rover_sim.campaign.episode_plans import draw, episode
 from lunar_rover_sim.run.scenario import Scenario
 
 LIMIT_CPU_S = 5.0     # a file of the largest size that is read at all takes this long

@@ -12,15 +12,13 @@ import synthetic_bag
 
 from lunar_rover_sim.bag.content_hash import bag_hash
 from lunar_rover_sim.base.errors import CampaignError
-from lunar_rover_sim.campaign.campaign_file import parse_campaign
+from lunar_rover_sim.campaign.campaign_file import EpisodePlan, parse_campaign, plan
 from lunar_rover_sim.campaign.card import write_card
-from lunar_rover_sim.campaign.dataset import Dataset
-from lunar_rover_sim.campaign.episode_plans import EpisodePlan, plan
+from lunar_rover_sim.campaign.dataset import Dataset, verify
 from lunar_rover_sim.campaign.episode_process import finish
 from lunar_rover_sim.campaign.manifest import (EPISODES, file_table, MANIFEST, read_json,
                                                why_unfinished, write_json)
 from lunar_rover_sim.campaign.statistics import MEANINGS, statistics
-from lunar_rover_sim.campaign.verification import verify
 from lunar_rover_sim.cli.main import main
 
 CAMPAIGN = parse_campaign('episodes: 3\nsettings: {run.duration_s: 1.0}',

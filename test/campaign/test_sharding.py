@@ -11,10 +11,9 @@ import synthetic_bag
 
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import CampaignError, ConfigError
-from lunar_rover_sim.campaign.campaign_file import parse_campaign
+from lunar_rover_sim.campaign.campaign_file import EpisodePlan, parse_campaign, plan
 from lunar_rover_sim.campaign.dataset import Dataset
 from lunar_rover_sim.campaign.episode import EpisodeTask, make_episode, Outcome, run_local
-from lunar_rover_sim.campaign.episode_plans import EpisodePlan, plan
 from lunar_rover_sim.campaign.manifest import CAMPAIGN_FILE, EPISODES, MANIFEST, write_json
 from lunar_rover_sim.campaign.sharding import Episode, split_worlds
 from lunar_rover_sim.cli.main import main

@@ -22,9 +22,8 @@ from world_readers import read_dem, read_marked, read_mesh, read_placed, read_wo
 
 from lunar_rover_sim.base.files.yaml_text import read_text
 from lunar_rover_sim.base.parameters import Parameters
-from lunar_rover_sim.campaign.campaign_file import parse_campaign
+from lunar_rover_sim.campaign.campaign_file import draw, episode, parse_campaign
 from lunar_rover_sim.campaign.card import write_card
-from lunar_rover_sim.campaign.episode_plans import draw, episode
 from lunar_rover_sim.campaign.manifest import EPISODES, why_unfinished
 from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.config import WorldConfig
