@@ -15,7 +15,7 @@ from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
 from lunar_rover_sim.judge.studies.learning import (Case, COMMANDS, GROUNDS, HIDDEN_SEEDS,
                                                     PACKAGED, report_text, SETTINGS, SLOPES_DEG,
-                                                    study, WalkStore, write_walks)
+                                                    walk, WalkStore, write_walks)
 
 
 def _velocity(text: str) -> tuple[float, float]:
@@ -70,7 +70,8 @@ def learning(policies: Sequence[str], against: str, output: Path, resume: bool,
              for seed in HIDDEN_SEEDS[:seeds] for walker in walker_of.values()]
     store = WalkStore(output, SETTINGS, resume)
     with Progress('walking', len(cases)) as progress:
-        walks = study(cases, store, workers, progress)
+        walks = list(store.study(walk, cases, workers,
+                                 lambda _case, _walk, done: progress(done)).values())
     write_walks(output / 'learning.csv', walks)
     text = report_text(walks, walker_of[against])
     atomic_write(output / 'learning.md', text, StudyError)

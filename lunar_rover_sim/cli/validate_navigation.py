@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import functools
 from pathlib import Path
 
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
 from lunar_rover_sim.judge.studies import navigation as study
-from lunar_rover_sim.judge.studies.navigation_drives import DRIVERS
+from lunar_rover_sim.judge.studies.navigation import DRIVERS
 from lunar_rover_sim.run.scenario import Scenario
 
 
@@ -43,8 +44,8 @@ def navigation(scenarios: Sequence[str], overrides: list[str], seeds: int, first
     store = study.DriveStore(output, settings, resume)
     todo = study.cases(scenarios, sun, drivers, range(first_seed, first_seed + seeds))
     with Progress('driving', len(todo)) as progress:
-        drives = study.study(
-            todo, store, distance, limit, overrides, workers,
+        drives = store.study(
+            functools.partial(study.run_case, distance, limit, tuple(overrides)), todo, workers,
             lambda case, drive, done: progress(
                 done, note=f'{case.scenario} {case.seed} {case.driver}: {drive.outcome}'))
     print_markdown(study.write_all(drives, distance, output))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import dataclasses
+import functools
 from pathlib import Path
 
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
 from lunar_rover_sim.judge.studies import traverse as report
 from lunar_rover_sim.judge.studies.terramechanics import Ground
-from lunar_rover_sim.judge.studies.traverse import study, Traverse, TraverseSettings, TraverseStore
+from lunar_rover_sim.judge.studies.traverse import (Case, Traverse, traverse_case,
+                                                    TraverseSettings, TraverseStore)
 from lunar_rover_sim.run.scenario import Scenario
 
 
@@ -42,23 +43,17 @@ def traverse(scenario: str, overrides: list[str], seeds: int, first_seed: int, d
     store = TraverseStore(output, f'# {duration:g} s\n{loaded.to_yaml()}', resume)
 
     numbers = range(first_seed, first_seed + seeds)
-    results: dict[str, list[Traverse]] = {}
-    for name, ground in driven.items():
-        kept = [store.load(name, seed) for seed in numbers]
-        done = results[name] = [result for result in kept if result is not None]
-        left = [seed for seed in numbers if seed not in {result.seed for result in done}]
-        with Progress(f'driving on {name}', len(left), 'worlds') as progress:
+    cases = [(name, seed) for name in driven for seed in numbers]
+    with Progress('driving', len(cases), 'worlds') as progress:
 
-            def show(result: Traverse, count: int, _: int) -> None:
-                progress(count)
-                store.save(name, result)
-                done.append(result)
-                say(f'{name}, seed {result.seed}: {result.outcome}, {result.distance_m:.1f} m, '
-                    f'{result.stuck} times stuck, tilted up to {result.tilt_max_deg:.0f} deg')
+        def show(case: Case, result: Traverse, count: int) -> None:
+            progress(count)
+            say(f'{case[0]}, seed {result.seed}: {result.outcome}, {result.distance_m:.1f} m, '
+                f'{result.stuck} times stuck, tilted up to {result.tilt_max_deg:.0f} deg')
 
-            study(loaded.world, left, dataclasses.replace(
-                settings, physics=dataclasses.replace(physics, ground=ground)), workers, show)
-        done.sort(key=lambda result: result.seed)
+        done = store.study(functools.partial(traverse_case, loaded.world, settings, driven), cases,
+                           workers, show)
+    results = {name: [done[name, seed] for seed in numbers] for name in driven}
     if grounds:
         text = report.write_grounds(results, loaded.name, output)
     else:

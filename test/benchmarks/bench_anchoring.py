@@ -148,16 +148,17 @@ def main() -> None:
     parser.add_argument('--maps', nargs='+', default=['own'],
                         choices=('own', 'other', 'negated', 'shifted'))
     given = parser.parse_args()
-    store = StudyFolder(given.output, f'{LENGTH_M:g} m, doubt {DOUBT_M:g} m\n', resume=True)
+    store: StudyFolder[str, dict] = StudyFolder(
+        given.output, f'{LENGTH_M:g} m, doubt {DOUBT_M:g} m\n', resume=True)
     drives = []
     for kind in given.maps:
         for pixel_m in given.postings:
             for seed in range(given.first_seed, given.first_seed + given.seeds):
                 name = f'{kind}_{pixel_m:g}_{seed}'
-                made = store.read(name, dict)
+                made = store.load(name)
                 if made is None:
                     made = drive(seed, pixel_m, kind, given.output / 'ways')
-                    store.write(name, made)
+                    store.save(name, made)
                     print(name, {k: v if k != 'errors_m' else v[-1:] for k, v in made.items()
                                  if k not in ('seed', 'kind', 'pixel_m')}, flush=True)
                 drives.append(made)

@@ -12,6 +12,7 @@ import functools
 import hashlib
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from lunar_rover_sim.base.frames import tilt_deg
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.judge.evaluation.statistics import adjusted, Comparison, Mean
-from lunar_rover_sim.judge.studies.study_folder import map_in_processes, StudyFolder
+from lunar_rover_sim.judge.studies.study_folder import StudyFolder
 from lunar_rover_sim.products.inspection.tracking import prediction_miss
 from lunar_rover_sim.rover.description import load_rover, RoverDescription
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
@@ -138,42 +139,22 @@ def answer_of(case: Case, rover: RoverDescription) -> Callable[[Sample], LegComm
     return policy.update
 
 
-class WalkStore(StudyFolder):
+class WalkStore(StudyFolder[Case, PolicyWalk]):
     """The finished walks of a study, by case and by the content of the policy's file."""
 
-    def load(self, case: Case) -> PolicyWalk | None:
-        """Return a finished walk, or None; StudyError if its file cannot be read."""
-        return self.read(_file_name(case), lambda values: PolicyWalk(
-            **{**values, 'case': Case(**values['case'])}))
+    def name(self, case: Case) -> str:
+        """Return the case in a word."""
+        digest = ''
+        if case.walker != PACKAGED:
+            path = policy_path(case.walker)
+            check_regular(path, StudyError)
+            digest = '_' + hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+        return (f'{Path(case.walker).stem}{digest}_{Path(case.rover).stem}_{case.ground}_'
+                f'{case.slope_deg:g}_{case.forward_mps:g}_{case.yaw_rate_radps:g}_{case.seed}')
 
-    def save(self, walked: PolicyWalk) -> None:
-        """Keep a finished walk."""
-        self.write(_file_name(walked.case), dataclasses.asdict(walked))
-
-
-def study(cases: Sequence[Case], store: WalkStore, workers: int = 1,
-          progress: Callable[[int, int], object] = lambda done, total: None) -> list[PolicyWalk]:
-    """Walk the cases that are not in the store yet; return all walks in their order."""
-    done = {case: found for case in cases if (found := store.load(case)) is not None}
-    todo = [case for case in cases if case not in done]
-
-    def keep(walked: PolicyWalk, _count: int, _total: int) -> None:
-        store.save(walked)
-        done[walked.case] = walked
-        progress(len(done), len(cases))
-
-    map_in_processes(walk, todo, workers, keep)
-    return [done[case] for case in cases]
-
-
-def _file_name(case: Case) -> str:
-    digest = ''
-    if case.walker != PACKAGED:
-        path = policy_path(case.walker)
-        check_regular(path, StudyError)
-        digest = '_' + hashlib.sha256(path.read_bytes()).hexdigest()[:12]
-    return (f'{Path(case.walker).stem}{digest}_{Path(case.rover).stem}_{case.ground}_'
-            f'{case.slope_deg:g}_{case.forward_mps:g}_{case.yaw_rate_radps:g}_{case.seed}')
+    def drive(self, values: dict[str, Any]) -> PolicyWalk:
+        """Return the walk of its values."""
+        return PolicyWalk(**{**values, 'case': Case(**values['case'])})
 
 
 def write_walks(path: Path, walks: Sequence[PolicyWalk]) -> None:

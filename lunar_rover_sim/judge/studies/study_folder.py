@@ -5,13 +5,14 @@ The folder holds the settings of the study, and a file for each finished drive.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+import dataclasses
 import json
 import multiprocessing
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.base.files.atomic import atomic_write
@@ -53,11 +54,15 @@ def map_in_processes(function: Callable[[Item], Result], items: Sequence[Item], 
     return results
 
 
+Case = TypeVar('Case')
 Drive = TypeVar('Drive')
 
 
-class StudyFolder:
-    """One file per drive, and the settings that all were made with."""
+class StudyFolder(Generic[Case, Drive]):
+    """One file per drive, and the settings that all were made with.
+
+    A drive is a record, or plain values.
+    """
 
     settings_file = 'settings.yaml'
 
@@ -88,24 +93,59 @@ class StudyFolder:
             atomic_write(file, settings, StudyError)
         self._drives.mkdir(exist_ok=True)
 
-    def read(self, name: str, make: Callable[[dict[str, Any]], Drive]) -> Drive | None:
-        """Return what `make` makes of the values of a drive; None if there is no such drive.
+    def name(self, case: Case) -> str:
+        """Return the name of the file of a drive, without its suffix."""
+        return str(case)
+
+    def drive(self, values: dict[str, Any]) -> Drive:
+        """Return the drive of the values of its record: arrays are lists."""
+        return values   # type: ignore[return-value]
+
+    def load(self, case: Case) -> Drive | None:
+        """Return a finished drive; None if it is not there.
 
         Raises:
             StudyError: If its file cannot be read.
         """
-        path = self._path(name)
+        path = self._path(case)
         if not path.exists():
             return None
         try:
-            return make(json.loads(path.read_text(encoding='utf-8')))
+            return self.drive(json.loads(path.read_text(encoding='utf-8')))
         except (OSError, ValueError, TypeError, KeyError) as error:
             raise StudyError(f'{path}: is no drive of this study: {error}; delete it to make it'
                              ' again') from None
 
-    def write(self, name: str, values: Mapping[str, Any]) -> None:
-        """Keep the values of a finished drive."""
-        atomic_write(self._path(name), json.dumps(values), StudyError)
+    def save(self, case: Case, drive: Drive) -> None:
+        """Keep a finished drive."""
+        atomic_write(self._path(case), json.dumps(drive, default=_plain), StudyError)
 
-    def _path(self, name: str) -> Path:
-        return self._drives / f'{name}.json'
+    def study(self, make: Callable[[Case], Drive], cases: Sequence[Case], workers: int = 1,
+              progress: Callable[[Case, Drive, int], object] = lambda case, drive, done: None
+              ) -> dict[Case, Drive]:
+        """Make the drives that are missing, keep each at once, and return all of them.
+
+        Args:
+            make: Makes the drive of a case; pickled for other processes.
+            progress: Called with case, drive and the number of finished ones.
+        """
+        found = {case: self.load(case) for case in cases}
+        done = {case: drive for case, drive in found.items() if drive is not None}
+        left = [case for case in cases if case not in done]
+
+        def keep(drive: Drive, count: int, _total: int) -> None:
+            case = left[count - 1]
+            self.save(case, drive)
+            done[case] = drive
+            progress(case, drive, len(done))
+
+        map_in_processes(make, left, workers, keep)
+        return {case: done[case] for case in cases}
+
+    def _path(self, case: Case) -> Path:
+        return self._drives / f'{self.name(case)}.json'
+
+
+def _plain(value: Any) -> Any:
+    """Return a record or an array as JSON has it."""
+    return dataclasses.asdict(value) if dataclasses.is_dataclass(value) else value.tolist()

@@ -8,6 +8,7 @@ import dataclasses
 import functools
 import math
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
@@ -20,13 +21,14 @@ from lunar_rover_sim.base.errors import PhysicsError, StudyError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.results import csv_table, markdown_table, save_figure
 from lunar_rover_sim.base.frames import Array, distance_along, path_length, tilt_deg
+from lunar_rover_sim.ground.regolith.config import GroundConfig
 from lunar_rover_sim.ground.world.cache import cached
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.site import OneWindow
 from lunar_rover_sim.ground.world.world_folder import load_world
-from lunar_rover_sim.judge.studies.study_folder import map_in_processes, StudyFolder
+from lunar_rover_sim.judge.studies.study_folder import StudyFolder
 from lunar_rover_sim.judge.studies.terramechanics import (compare, comparison_text,
                                                           plot_comparison, Quantity)
 from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S, Walker, WalkerSettings
@@ -40,6 +42,7 @@ from lunar_rover_sim.rover.physics.state import RoverState
 PATH_PERIOD_S = 0.2                   # of the recorded path
 STRANDED_S, STRANDED_M = 60.0, 0.5    # a rover that stays this long this near its end is stranded
 DRIVEN, TIPPED_OVER, STRANDED, DUG_IN = 'driven', 'tipped over', 'stranded', 'dug in'  # outcomes
+Case = tuple[str, int]                # ground and seed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -329,18 +332,16 @@ def _tilt_deg(state: RoverState) -> float:
     return float(tilt_deg(state.orientation_wxyz))
 
 
-class TraverseStore(StudyFolder):
+class TraverseStore(StudyFolder[Case, Traverse]):
     """The finished drives of a study, by ground and seed."""
 
-    def load(self, ground: str, seed: int) -> Traverse | None:
-        """Return a finished drive, None if there is none; StudyError if it cannot be read."""
-        return self.read(f'{ground}_{seed}', lambda values: Traverse(
-            **{**values, 'path_m': np.array(values['path_m']).reshape(-1, 3)}))
+    def name(self, case: Case) -> str:
+        """Return ground and seed."""
+        return '_'.join(map(str, case))
 
-    def save(self, ground: str, result: Traverse) -> None:
-        """Keep a finished drive."""
-        self.write(f'{ground}_{result.seed}',
-                   {**dataclasses.asdict(result), 'path_m': result.path_m.tolist()})
+    def drive(self, values: dict[str, Any]) -> Traverse:
+        """Return the drive of its values."""
+        return Traverse(**{**values, 'path_m': np.array(values['path_m']).reshape(-1, 3)})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -363,19 +364,13 @@ def traverse(world: World, seed: int, settings: TraverseSettings) -> Traverse:
                              world.ground).run(seed, settings.duration_s)
 
 
-def study(worlds: WorldConfig, seeds: Sequence[int], settings: TraverseSettings, workers: int = 1,
-          progress: Callable[[Traverse, int, int], object] | None = None) -> list[Traverse]:
-    """Traverse one world per seed, shared by `workers` processes.
-
-    Args:
-        progress: Called after each drive with its result, the number of drives done, and of all.
-    """
-    return map_in_processes(functools.partial(_traverse_seed, worlds, settings), seeds, workers,
-                            progress)
-
-
-def _traverse_seed(worlds: WorldConfig, settings: TraverseSettings, seed: int) -> Traverse:
-    return traverse(load_world(cached(worlds, seed), verify=False), seed, settings)
+def traverse_case(worlds: WorldConfig, settings: TraverseSettings,
+                  grounds: Mapping[str, GroundConfig], case: Case) -> Traverse:
+    """Traverse the world of a seed on one of the grounds."""
+    ground, seed = case
+    physics = dataclasses.replace(settings.physics, ground=grounds[ground])
+    return traverse(load_world(cached(worlds, seed), verify=False), seed,
+                    dataclasses.replace(settings, physics=physics))
 
 
 ALLOWED_SHARE = 0.05   # of drives that end tipped over or stranded: one in twenty

@@ -32,6 +32,7 @@ def test_an_existing_table_is_not_overwritten(tmp_path):
     (('validate', 'traverse', '--seeds', '0'), '--seeds: 0'),
     (('validate', 'traverse', '--duration', '1'), '--duration: 1'),
     (('validate', 'traverse', 'basline'), 'did you mean baseline'),
+    (('validate', 'navigation', '--set', 'shared.seed=3'), "no such section 'shared'"),
     (('validate', 'odometry', '-n', '2'), '--drives: 2 is not valid; valid is >= 3'),
     (('validate', 'odometry', '--duration', '1'), '--duration: 1 is not valid'),
 ])

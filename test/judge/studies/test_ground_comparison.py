@@ -56,9 +56,9 @@ def test_a_share_stays_within_0_and_1_and_every_p_is_corrected(tmp_path):
 
 def test_a_finished_drive_comes_back_and_other_settings_do_not(tmp_path):
     store = TraverseStore(tmp_path / 'study', 'speed: 1', resume=False)
-    assert store.load('rigid', 3) is None
-    store.save('rigid', drive(3))
-    again = TraverseStore(tmp_path / 'study', 'speed: 1', resume=True).load('rigid', 3)
+    assert store.load(('rigid', 3)) is None
+    store.save(('rigid', 3), drive(3))
+    again = TraverseStore(tmp_path / 'study', 'speed: 1', resume=True).load(('rigid', 3))
     assert np.array_equal(again.path_m, drive(3).path_m)
     assert dataclasses.replace(again, path_m=None) == dataclasses.replace(drive(3), path_m=None)
     with pytest.raises(StudyError, match='was made with other settings'):
@@ -67,7 +67,7 @@ def test_a_finished_drive_comes_back_and_other_settings_do_not(tmp_path):
         TraverseStore(tmp_path, 'speed: 1', resume=True)
     (tmp_path / 'study' / 'drives' / 'rigid_4.json').write_text('{"seed": 4}')
     with pytest.raises(StudyError, match='rigid_4.json: is no drive of this study'):
-        store.load('rigid', 4)
+        store.load(('rigid', 4))
 
 
 def test_a_resumed_study_drives_only_what_is_missing(tmp_path, capsys):
@@ -75,8 +75,8 @@ def test_a_resumed_study_drives_only_what_is_missing(tmp_path, capsys):
     scenario = Scenario.load('baseline')
     store = TraverseStore(tmp_path / 'out', f'# 60 s\n{scenario.to_yaml()}', resume=False)
     for seed in (1, 2):
-        store.save('rigid', drive(seed))
-        store.save('highland', drive(seed, 0.09 + 0.001 * seed))
+        store.save(('rigid', seed), drive(seed))
+        store.save(('highland', seed), drive(seed, 0.09 + 0.001 * seed))
     assert main(['validate', 'traverse', '--grounds', 'rigid', 'highland', '--seeds', '2',
                  '--duration', '60', '--resume', '-o', str(tmp_path / 'out')]) == 0
     assert 'Traverses of baseline on rigid, highland' in capsys.readouterr().out

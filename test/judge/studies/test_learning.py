@@ -5,10 +5,8 @@ import pytest
 
 from lunar_rover_sim.autonomy.learning.randomisation import Randomisation
 from lunar_rover_sim.base.errors import ConfigError
-from lunar_rover_sim.judge.studies import learning
 from lunar_rover_sim.judge.studies.learning import (Case, HIDDEN_SEEDS, PACKAGED, PolicyWalk,
-                                                    report_text, SETTINGS, study, walk, WALKED,
-                                                    WalkStore)
+                                                    report_text, SETTINGS, walk, WALKED, WalkStore)
 
 
 def made(walker, seed, transport, outcome=WALKED):
@@ -50,7 +48,7 @@ def test_pairs_tell_a_difference_that_means_hide():
     assert '; p < 0.001, +1.00' in row and 'against better on' in turned
 
 
-def test_a_study_that_was_stopped_goes_on(tmp_path, monkeypatch):
+def test_a_study_that_was_stopped_goes_on(tmp_path):
     made_of = []
 
     def counted(case):
@@ -59,25 +57,23 @@ def test_a_study_that_was_stopped_goes_on(tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return made(case.walker, case.seed, float('nan'), 'fallen')
 
-    monkeypatch.setattr(learning, 'walk', counted)
     cases = [Case(PACKAGED, 'rigid', 0.0, seed) for seed in HIDDEN_SEEDS[:4]]
     folder = tmp_path / 'study'
     with pytest.raises(KeyboardInterrupt):
-        study(cases, WalkStore(folder, SETTINGS, resume=False))
+        WalkStore(folder, SETTINGS, resume=False).study(counted, cases)
     with pytest.raises(ConfigError, match='exists'):
         WalkStore(folder, SETTINGS, resume=False)
-    found = study(cases, WalkStore(folder, SETTINGS, resume=True))
-    assert made_of == [*cases[:3], *cases[2:]] and [one.case for one in found] == cases
-    assert all(np.isnan(one.transport) for one in found)
+    found = WalkStore(folder, SETTINGS, resume=True).study(counted, cases)
+    assert made_of == [*cases[:3], *cases[2:]] and list(found) == cases
+    assert all(one.case == case and np.isnan(one.transport) for case, one in found.items())
 
 
-def test_a_policy_that_changed_walks_anew(tmp_path, monkeypatch):
-    monkeypatch.setattr(learning, 'walk', lambda case: made(case.walker, case.seed, 1.5))
+def test_a_policy_that_changed_walks_anew(tmp_path):
     policy = tmp_path / 'own.onnx'
     policy.write_bytes(b'one')
     case = Case(str(policy), 'rigid', 0.0, HIDDEN_SEEDS[0])
     store = WalkStore(tmp_path / 'study', SETTINGS, resume=False)
-    study([case], store)
+    store.save(case, made(case.walker, case.seed, 1.5))
     assert store.load(case) is not None
     policy.write_bytes(b'two')
     assert store.load(case) is None
