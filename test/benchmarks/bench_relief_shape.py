@@ -18,10 +18,11 @@ With `--samples` of 2 less of a difference is the renderer's; `--stereo-only` dr
 from __future__ import annotations
 
 import argparse
-from contextlib import ExitStack
+from contextlib import closing, ExitStack
 import csv
 from pathlib import Path
 import sys
+from tempfile import TemporaryDirectory
 import time
 
 from bench_sampling import klt_errors, WILD_PX
@@ -31,7 +32,7 @@ from scipy import stats
 from lunar_rover_sim import evaluate, Trajectory
 from lunar_rover_sim.image.stereo.depth import disparity_from_depth
 from lunar_rover_sim.image.stereo.error import stereo_errors, StereoErrors
-from lunar_rover_sim.judge.slam.program import Tracker
+from lunar_rover_sim.judge.slam.program import command_words, program_settings, SlamProgram
 from lunar_rover_sim.judge.slam.protocol import FrameSet, TRACKING
 from lunar_rover_sim.products.sequences.sensors import described_sensors
 from lunar_rover_sim.run.scenario import Scenario
@@ -94,9 +95,21 @@ class Picture:
 def odometry(program, suite, pairs, truth):
     """Return RMS errors of positions and of motions over 1 s [mm], infinite if it is lost."""
     stamps, poses = [], []
-    with Tracker(program, suite, 'stereo', 120.0, 120.0) as tracker:
+    with TemporaryDirectory() as folder, closing(SlamProgram(
+            command_words(program, suite, 'stereo', Path(folder)),
+            program_settings(suite, 'stereo', True), 120.0, 120.0)) as tracker:
+
+        def wait():
+            tracker.check()
+            time.sleep(0.001)
+
+        while not tracker.is_ready:
+            wait()
         for stamp_ns, pair in pairs:
-            pose = tracker.track(FrameSet(stamp_ns, pair))
+            tracker.send(FrameSet(stamp_ns, pair))
+            while (taken := tracker.take()) is None:
+                wait()
+            pose, _ = taken
             if pose.state == TRACKING:
                 stamps.append(stamp_ns)
                 poses.append((*pose.position_m, *pose.wxyz))

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from functools import reduce
 from pathlib import Path
 import queue
 import subprocess
-from tempfile import TemporaryDirectory
 import threading
 import time
 from typing import Any
 
-from lunar_rover_sim.base.closing import Closing
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.files.paths import program_path
 from lunar_rover_sim.judge.slam import protocol
@@ -29,7 +27,6 @@ WHEEL_PROGRAM = 'orb_slam3/wheel.py'
 _END_S = 5.0        # for the program to end by itself
 _HUNG_S = 0.3
 _JOIN_S = 2.0
-_NEWS_S = 0.2       # after which a program that is waited for is looked at
 
 
 class SlamProgram:
@@ -158,59 +155,6 @@ class SlamProgram:
         self._answers.append((pose, time.monotonic() - self._under_way[1]))
         self._answered_ns = pose.stamp_ns
         self._under_way = None
-
-
-class Tracker(Closing):
-    """A SLAM program that is waited for: a frame goes in, its answer comes out.
-
-    Used as a context manager.
-    """
-
-    def __init__(self, command: str, suite: SensorSuite, sensor: str, ready_s: float,
-                 answer_s: float) -> None:
-        """Start the program, and wait until it is ready.
-
-        Args:
-            command: As `command_words` takes it.
-            sensor: mono, stereo or stereo-inertial.
-            ready_s: Longest wall time until it is ready [s].
-            answer_s: Longest wall time until it answers a frame [s].
-
-        Raises:
-            ConfigError: If the command is empty or no line of a shell.
-            ProcessError: If it cannot be started.
-            SlamError: If it ends, or is not ready in time.
-        """
-        self._news = threading.Event()
-        with ExitStack() as owned:
-            folder = Path(owned.enter_context(TemporaryDirectory(prefix='slam_')))
-            self._program = SlamProgram(
-                command_words(command, suite, sensor, folder),
-                program_settings(suite, sensor, True), ready_s, answer_s, self._news.set)
-            owned.callback(self._program.close)
-            while not self._program.is_ready:
-                self._wait()
-            self._owned = owned.pop_all()
-
-    def close(self) -> None:
-        """End the program."""
-        self._owned.close()
-
-    def track(self, frames: FrameSet) -> TrackedPose:
-        """Return the answer to a frame.
-
-        Raises:
-            SlamError: If the program has ended, is silent, or writes nonsense.
-        """
-        self._program.send(frames)
-        while (taken := self._program.take()) is None:
-            self._wait()
-        return taken[0]
-
-    def _wait(self) -> None:
-        self._program.check()
-        self._news.wait(_NEWS_S)
-        self._news.clear()
 
 
 def command_words(command: str, suite: SensorSuite, sensor: str, folder: Path) -> list[str]:
