@@ -112,33 +112,47 @@ def rows_of(judged: Iterable[Judged]) -> list[TableRow]:
     return rows
 
 
-def steps(rows: Sequence[TableRow], judged: Sequence[Judged]) -> list[str]:
-    """Say of each value of a sweep and the next one whether their errors differ.
+def differences(pairs: Sequence[tuple[str, Iterable[Judged], Iterable[Judged]]], same: str,
+                larger: str, smaller: str) -> list[str]:
+    """Say of each name whether the errors of its first drives differ from those of its second.
 
     Drives of one seed are pairs, and a failure counts as worse than any error. A difference is
-    shown by its q, which counts all steps of the table.
+    shown by its q, which counts all tests.
+
+    Args:
+        same, larger, smaller: What is said of the first ones.
     """
-    errors: dict[tuple[str, str, str, str], dict[int, float]] = {}
+    def errors(group: Iterable[Judged]) -> dict[int, float]:
+        return {one.drive.seed: one.result.ate_m if is_success(one) else float('inf')
+                for one in group if not one.failed and not tipped_over(one)}
+
+    tests = []
+    for _, *both in pairs:
+        first, second = map(errors, both)
+        seeds = sorted(first.keys() & second.keys())
+        tests.append(Comparison.of([first[s] for s in seeds], [second[s] for s in seeds]))
+    sentences = []
+    for (name, *_), test, q in zip(pairs, tests, adjusted([test.p for test in tests])):
+        said = same if not q < 1.0 - CONFIDENCE else larger if test.effect > 0.0 else smaller
+        sentences.append(f'{name}: {said} ({test.text()}, q = {q:.2g} of {len(tests)} tests)')
+    return sentences
+
+
+def steps(rows: Sequence[TableRow], judged: Sequence[Judged]) -> list[str]:
+    """Say of each value of a sweep and the next one whether their errors differ."""
+    groups: dict[tuple[str, str, str, str], list[Judged]] = {}
     for one in judged:
-        if not one.failed and not tipped_over(one):
-            errors.setdefault(row_of(one), {})[one.drive.seed] = (
-                one.result.ate_m if is_success(one) else float('inf'))
+        groups.setdefault(row_of(one), []).append(one)
     found = []
     for scenario, sensor, system in dict.fromkeys((r.scenario, r.sensor, r.system) for r in rows):
         values = [r.value for r in rows
                   if (r.scenario, r.sensor, r.system) == (scenario, sensor, system)]
         for value, following in zip(values, values[1:]):
-            first, second = (errors.get((scenario, of, sensor, system), {})
-                             for of in (value, following))
-            seeds = sorted(first.keys() & second.keys())
             found.append((f'{scenario}, {sensor}, {system}, from {value} to {following}',
-                          Comparison.of([first[s] for s in seeds], [second[s] for s in seeds])))
-    sentences = []
-    for (name, test), q in zip(found, adjusted([test.p for _, test in found])):
-        verdict = 'the error is not shown to differ' if q >= 1.0 - CONFIDENCE else (
-            f'the error becomes {"smaller" if test.effect > 0.0 else "larger"}')
-        sentences.append(f'{name}: {verdict} ({test.text()}, q = {q:.2g} of {len(found)} tests)')
-    return sentences
+                          groups[scenario, value, sensor, system],
+                          groups[scenario, following, sensor, system]))
+    return differences(found, 'the error is not shown to differ', 'the error becomes smaller',
+                       'the error becomes larger')
 
 
 def read_paper(path: Path) -> Paper:

@@ -20,14 +20,13 @@ from lunar_rover_sim.base.files.results import markdown_table
 from lunar_rover_sim.ground.world.orbital_making import orbital_map
 from lunar_rover_sim.ground.world.orbital_map import ABOUT_FILE, OrbitalConfig, OrbitalMap
 from lunar_rover_sim.ground.world.site import Site
-from lunar_rover_sim.judge.evaluation.statistics import (adjusted, Comparison, CONFIDENCE, Median,
-                                                         Share)
+from lunar_rover_sim.judge.evaluation.statistics import Median, Share
 from lunar_rover_sim.judge.slam import benchmark
 from lunar_rover_sim.judge.slam.benchmark import AIDED, Cell
 from lunar_rover_sim.judge.slam.drives import Drive, Judged
 from lunar_rover_sim.judge.slam.estimators import ANCHORED, Estimator
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor, Doubt
-from lunar_rover_sim.judge.slam.table import is_success, tipped_over
+from lunar_rover_sim.judge.slam.table import differences, is_success, tipped_over
 from lunar_rover_sim.run.plan import navigated_duration_s
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -175,30 +174,13 @@ def _of_place(results: Sequence[benchmark.SlamResult], system: str) -> list[str]
 
 
 def _differences(groups: dict[tuple[Condition, str], list[Judged]]) -> list[str]:
-    """Say of each system whether its error differs from that of the reference.
-
-    Drives of a site are pairs, a failure is worse than any error, and q counts all tests.
-    """
-    def errors(group: Sequence[Judged]) -> dict[int, float]:
-        return {one.drive.seed: one.result.ate_m if is_success(one) else math.inf
-                for one in group if not one.failed and not tipped_over(one)}
-
-    found = []
-    for (condition, system), group in groups.items():
-        if system == _BASE or (condition, _BASE) not in groups:
-            continue
-        mine, theirs = errors(group), errors(groups[condition, _BASE])
-        seeds = sorted(mine.keys() & theirs.keys())
-        found.append((f'{condition.name}, {system}', Comparison.of(
-            [mine[s] for s in seeds], [theirs[s] for s in seeds])))
-    sentences = []
-    for (name, test), q in zip(found, adjusted([test.p for _, test in found])):
-        verdict = f'its error is not shown to differ from that of the {_BASE}' \
-            if not q < 1.0 - CONFIDENCE else (
-                f'its error is {"larger" if test.effect > 0.0 else "smaller"} than that of the '
-                f'{_BASE}')
-        sentences.append(f'- {name}: {verdict} ({test.text()}, q = {q:.2g} of {len(found)} tests)')
-    return sentences
+    """Say of each system whether its error differs from that of the reference."""
+    found = [(f'- {condition.name}, {system}', group, groups[condition, _BASE])
+             for (condition, system), group in groups.items()
+             if system != _BASE and (condition, _BASE) in groups]
+    of_base = f'than that of the {_BASE}'
+    return differences(found, f'its error is not shown to differ from that of the {_BASE}',
+                       f'its error is larger {of_base}', f'its error is smaller {of_base}')
 
 
 def run(condition: Condition, cells: Sequence[Cell], folder: Path, maps: Path,
