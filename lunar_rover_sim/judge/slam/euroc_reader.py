@@ -16,6 +16,7 @@ from lunar_rover_sim.base.files.images import read_picture
 from lunar_rover_sim.base.files.yaml_text import read_text, read_yaml
 from lunar_rover_sim.base.frames import Array, inverse
 from lunar_rover_sim.products.sequences.euroc import TIMES_FILE
+from lunar_rover_sim.products.sequences.sensors import SensorSuite
 
 Image = NDArray[np.uint8]
 
@@ -39,6 +40,11 @@ class Camera:
     centre_px: tuple[float, float]
     baseline_m: float = 0.0
     distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+
+    @classmethod
+    def of(cls, suite: SensorSuite) -> Camera:
+        """Return the pair that took the images of a bag."""
+        return cls(suite.focal_px, suite.centre_px, suite.baseline_m, tuple(suite.distortion[:4]))
 
     @property
     def matrix(self) -> Array:

@@ -29,15 +29,6 @@ from lunar_rover_sim.products.sequences.sensors import SensorSuite
 Step = tuple[int, 'Image | None', 'Image | None', Aids]
 
 
-def odometry_of(suite: SensorSuite, loops: bool = True,
-                anchor: Anchor | None = None) -> GraphOdometry:
-    """Return the graph for the sensors of a bag; with an anchor, on a site."""
-    camera = Camera(suite.focal_px, suite.centre_px, suite.baseline_m,
-                    tuple(suite.distortion[:4]))
-    return GraphOdometry(camera, suite.T_base_imu @ suite.T_imu_left, suite.gravity_mps2, loops,
-                         anchor)
-
-
 def run(bag: Bag, suite: SensorSuite, loops: bool = True,
         advance: Callable[[], None] = lambda: None,
         on_pose: Callable[[int, Located], None] = lambda _stamp_ns, _located: None,
@@ -50,7 +41,7 @@ def run(bag: Bag, suite: SensorSuite, loops: bool = True,
         stop: Once it returns True, the rest is left out.
         anchor: Finds the place on a site.
     """
-    odometry = odometry_of(suite, loops, anchor)
+    odometry = GraphOdometry.of(suite, loops, anchor)
     for step in steps(bag, suite):
         located = odometry.add(*step)
         if located is not None:
@@ -104,7 +95,7 @@ def _live(told: list[tuple[int, Located]]) -> Trajectory | None:
 
 def _of_reference(bag: Bag, suite: SensorSuite, advance: Callable[[], None],
                   stop: Callable[[], bool], start: float) -> Estimate:
-    odometry = VisualOdometry(Camera(suite.focal_px, suite.centre_px, suite.baseline_m))
+    odometry = VisualOdometry(Camera.of(suite))
     stamps = []
     for stamp_ns, left, right, _ in steps(bag, suite):
         stamps.append(stamp_ns)
@@ -131,8 +122,7 @@ def steps(bag: Bag, suite: SensorSuite) -> Iterator[Step]:
         topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, *AIDS)
         if bag.has(topic.name)}
     of = {name: topic for topic, name in names.items()}
-    camera = Camera(suite.focal_px, suite.centre_px, suite.baseline_m,
-                    tuple(suite.distortion[:4]))
+    camera = Camera.of(suite)
     waiting: dict[int, dict[topics.Topic, Any]] = {}
     collected, last_ns = Collected(suite.T_base_imu), -1
 

@@ -46,8 +46,7 @@ class GraphTracker:
             on_moved: Called from a thread with what moves the estimate, such as a loop.
             anchor: Finds the place on a site; poses are those in the site then.
         """
-        self._camera = Camera(suite.focal_px, suite.centre_px, suite.baseline_m,
-                              tuple(suite.distortion[:4]))
+        self._camera = Camera.of(suite)
         self._on_moved, self._anchor = on_moved, anchor
         self.collected = Collected(suite.T_base_imu)
         self.note = '' if has_gtsam() else f'{MISSING}; this is the window of the reference'
@@ -55,8 +54,7 @@ class GraphTracker:
         if self.note:
             self._answer = self._of_window(suite)
         else:
-            self._graph = GraphOdometry(self._camera, suite.T_base_imu @ suite.T_imu_left,
-                                        suite.gravity_mps2, anchor=anchor)
+            self._graph = GraphOdometry.of(suite, anchor=anchor)
             self._answer = self._of_graph
         self._pool = ThreadPoolExecutor(1)
         self._on_news = on_news

@@ -29,6 +29,7 @@ from lunar_rover_sim.judge.slam.graph.places import Keyframe, keyframe, Places
 from lunar_rover_sim.judge.slam.graph.pose_graph import (adjoint, composed, difference, fused,
                                                          gate, PoseGraph, rolled)
 from lunar_rover_sim.judge.slam.graph.two_pairs import matched_motion, Motion, tracked_motion
+from lunar_rover_sim.products.sequences.sensors import SensorSuite
 
 _KEYFRAME_M, _KEYFRAME_RAD = 0.25, math.radians(12.0)
 _KEYFRAME_FLOW = 0.12           # median way in the image, in its widths
@@ -148,6 +149,13 @@ class GraphOdometry:
         self._frames: list[tuple[int, int, Array, Array]] = []
         self._live: dict[int, tuple[Array, Array]] = {}     # keys, as told when they were new
         self._ended: dict[int, tuple[Array, Array]] = {}    # keys of graphs before a restart
+
+    @classmethod
+    def of(cls, suite: SensorSuite, loops: bool = True,
+           anchor: Anchor | None = None) -> GraphOdometry:
+        """Return the graph for the sensors of a bag."""
+        return cls(Camera.of(suite), suite.T_base_imu @ suite.T_imu_left, suite.gravity_mps2,
+                   loops, anchor)
 
     def __repr__(self) -> str:
         return f'GraphOdometry({self.counts})'
