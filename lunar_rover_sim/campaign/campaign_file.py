@@ -55,11 +55,6 @@ def unit_points(design: str, count: int, dimensions: int, seed: int) -> NDArray[
     return generator.random((count, dimensions))
 
 
-def grid_rows(values: Sequence[Sequence[Any]]) -> list[tuple[Any, ...]]:
-    """Return all combinations of the values, the last one changing fastest."""
-    return list(itertools.product(*values))
-
-
 def episode_seed(seed: int, index: int) -> int:
     """Return the seed of an episode, in [0, 2^31): independent streams from one seed."""
     return int(np.random.SeedSequence([seed, index]).generate_state(1)[0] & 0x7fffffff)
@@ -351,7 +346,7 @@ def draw(campaign: Campaign) -> list[dict[str, Any]]:
     """
     names = list(campaign.vary)
     if campaign.config.design == GRID:
-        rows = grid_rows([d.grid() for d in campaign.vary.values()])
+        rows = list(itertools.product(*(d.grid() for d in campaign.vary.values())))
     else:
         points = unit_points(campaign.config.design, campaign.count, len(names),
                              campaign.config.seed)

@@ -111,12 +111,8 @@ def plan(scenarios: Sequence[str], estimators: Sequence[Estimator], seeds: Seque
         parameter, values: What a sweep changes.
 
     Raises:
-        SlamError: If an argument is not valid, there is nothing to do, or two cells would share a
-            folder.
+        SlamError: If an argument is not valid, or two cells would share a folder.
     """
-    if not seeds or not scenarios or not estimators:
-        raise SlamError(f'benchmark: {len(scenarios)} scenarios, {len(estimators)} sensors, '
-                        f'{len(seeds)} seeds; valid is at least 1 of each')
     if not duration_s > 0.0:
         raise SlamError(f'duration: {duration_s:g} is not valid; valid is > 0 [s]')
     if bool(parameter) != bool(values):
@@ -152,8 +148,6 @@ def run(cells: Iterable[Cell], folder: Path, step: Step = lambda _cell, _text: N
         SlamError: If the folder cannot be written, holds cells of other settings, or another
             benchmark runs these systems in it.
     """
-    if jobs < 1:
-        raise SlamError(f'jobs: {jobs} is not valid; valid is 1 or more')
     cells = list(cells)
     drives: dict[Drive, list[Cell]] = {}
     for cell in cells:

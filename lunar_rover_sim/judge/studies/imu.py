@@ -49,14 +49,11 @@ class NoiseFit:
 def overlapping_allan(signal: ArrayLike, rate_hz: float, per_decade: int = 10) -> AllanCurve:
     """Return the curve of (n,) or (n, c) samples taken at rate_hz [Hz].
 
-    Averaging times are spaced evenly in the logarithm, up to a tenth of the record. Raises
-    StudyError if there are fewer than 100 samples.
+    Averaging times are spaced evenly in the logarithm, up to a tenth of the record.
     """
     samples = np.asarray(signal, dtype=float)
     samples = samples.reshape(len(samples), -1)
     n = len(samples)
-    if n < 100:
-        raise StudyError(f'Allan deviation: {n} samples given; valid is >= 100')
     interval = 1.0 / rate_hz
     # Less the mean, which cancels anyway, the integral keeps its digits.
     integral = np.zeros((n + 1, samples.shape[1]))
@@ -133,11 +130,7 @@ class NoiseComparison:
 
 def study(config: ImuConfig, duration_s: float = 3600.0, rate_hz: float = 200.0,
           seed: int = 1) -> list[SensorNoise]:
-    """Simulate an IMU at rest for a time [s]; return the noise of accelerometer and gyroscope.
-
-    Raises:
-        StudyError: For fewer than 100 samples.
-    """
+    """Simulate an IMU at rest for a time [s]; return the noise of accelerometer and gyroscope."""
     n = round(duration_s * rate_hz)
     at_rest = np.broadcast_to([0.0, 0.0, MOON_MPS2], (n, 3))
     noise = ImuNoise(config, rate_hz, np.random.default_rng(seed))

@@ -37,11 +37,9 @@ def study(scenario: Scenario, frames: int, figures: Path | None = None,
             sunlight are ready.
 
     Raises:
-        StudyError: For fewer than one pair and for a figure that cannot be written.
+        StudyError: For a figure that cannot be written.
         RenderError: If nothing can be drawn.
     """
-    if frames < 1:
-        raise StudyError(f'frames: {frames} is not valid; valid is >= 1')
     world = scenario.load_world()
     total = StereoErrors()
     with scenario.renderer(world) as renderer:

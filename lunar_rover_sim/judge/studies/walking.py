@@ -44,16 +44,13 @@ class Walk:
     """A recorded walk, one sample per controller period.
 
     time_s (n,); position_m (n, 3), world frame; rpy_rad (n, 3), yaw unwrapped, positive pitch nose
-    down; joint_angle_rad, joint_velocity_radps, motor_torque_nm, reference_rad, phase (n, legs);
-    contact_force_n (n, legs, 3), world axes
+    down; joint_angle_rad, reference_rad, phase (n, legs); contact_force_n (n, legs, 3), world axes
     """
 
     time_s: NDArray[np.float64]
     position_m: NDArray[np.float64]
     rpy_rad: NDArray[np.float64]
     joint_angle_rad: NDArray[np.float64]
-    joint_velocity_radps: NDArray[np.float64]
-    motor_torque_nm: NDArray[np.float64]
     contact_force_n: NDArray[np.float64]
     reference_rad: NDArray[np.float64]
     phase: NDArray[np.float64]
@@ -138,8 +135,7 @@ def walk(simulation: Simulation, controller: GaitController, duration_s: float,
         state = simulation.state
         rows.append((state.stamp_ns * 1e-9, state.position_m,
                      rpy_from_wxyz(state.orientation_wxyz), state.joint_angle_rad,
-                     state.joint_velocity_radps, state.motor_torque_nm, state.contact_force_n,
-                     legs.angle_rad, legs.phase))
+                     state.contact_force_n, legs.angle_rad, legs.phase))
     columns = [np.array(column) for column in zip(*rows)]
     columns[2][:, 2] = np.unwrap(columns[2][:, 2])
     return Walk(*columns)
