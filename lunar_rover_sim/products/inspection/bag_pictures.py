@@ -60,16 +60,23 @@ def _figure(bag: Bag, shown: Sequence[topics.Topic], file: str,
     if not stamps:
         return
     found = series.messages_at(bag, wanted, stamps[-1])
-    figure = Figure(figsize=(10, 5.2), layout='constrained')
-    panels = figure.subplots(2, 3).flat
-    for axes in panels:
+    save(_panels((10, 5.2), (2, 3), f'{stamps[-1] * 1e-9:.3f} s', [
+        (topic.name, truth_picture(_LEFT_OF.get(topic, topic),
+                                   series.picture(bag, found[topic]).pixels))
+        for topic in wanted if topic in found]), file)
+
+
+def _panels(size: tuple[float, float], shape: tuple[int, int], title: str,
+            shown: Sequence[tuple[str, NDArray[np.uint8]]]) -> Figure:
+    """Return a figure of titles and BGR pictures in rows and columns."""
+    figure = Figure(figsize=size, layout='constrained')
+    for axes in figure.subplots(*shape, squeeze=False).flat:
         axes.set_axis_off()
-    for axes, topic in zip(figure.axes, (topic for topic in wanted if topic in found)):
-        axes.set_title(topic.name, fontsize=9)
-        pixels = series.picture(bag, found[topic]).pixels
-        axes.imshow(truth_picture(_LEFT_OF.get(topic, topic), pixels)[..., ::-1])
-    figure.suptitle(f'{stamps[-1] * 1e-9:.3f} s', fontsize=9)
-    save(figure, file)
+    for axes, (name, picture) in zip(figure.axes, shown):
+        axes.set_title(name, fontsize=9)
+        axes.imshow(picture[..., ::-1])
+    figure.suptitle(title, fontsize=9)
+    return figure
 
 
 def truth_picture(topic: topics.Topic, pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
@@ -103,16 +110,11 @@ def hazard_figures(bag: Bag, save: Save) -> None:
                  bag.messages(named, stamps[-1], stamps[-1] + 1)}
         if topics.HAZARD_IMAGE in names and len(found) < len(named):
             found = {topics.HAZARD_IMAGE: found[topics.HAZARD_IMAGE]}
-        figure = Figure(figsize=(10, 7.5), layout='constrained')
         shape = (1, 1) if len(found) == 1 else (2, 2)
-        for axes in figure.subplots(*shape, squeeze=False).flat:
-            axes.set_axis_off()
-        for axes, kind in zip(figure.axes, (kind for kind in _OF_HAZARD if kind in found)):
-            pixels = series.picture(bag, found[kind]).pixels
-            axes.set_title(kind.name.replace(topics.NAME, camera), fontsize=9)
-            axes.imshow(_hazard_picture(kind, pixels)[..., ::-1])
-        figure.suptitle(f'{stamps[-1] * 1e-9:.3f} s', fontsize=9)
-        save(figure, f'hazard_{camera.replace("/", "_")}.png')
+        save(_panels((10, 7.5), shape, f'{stamps[-1] * 1e-9:.3f} s', [
+            (kind.name.replace(topics.NAME, camera),
+             _hazard_picture(kind, series.picture(bag, found[kind]).pixels))
+            for kind in _OF_HAZARD if kind in found]), f'hazard_{camera.replace("/", "_")}.png')
 
 
 def _hazard_picture(kind: topics.Topic, pixels: NDArray[Any]) -> NDArray[np.uint8]:
@@ -130,15 +132,11 @@ def chase_figure(bag: Bag, save: Save) -> None:
     stamps = series.common_stamps(bag, [name])
     if not stamps:
         return
-    figure = Figure(figsize=(10, 6), layout='constrained')
-    for axes, stamp in zip(figure.subplots(2, 2).flat, series.spread(stamps, _CHASE_FRAMES)):
-        message = series.messages_at(bag, [topics.CHASE_IMAGE], stamp)[topics.CHASE_IMAGE]
-        axes.imshow(layer_pictures.gray8(series.picture(bag, message).pixels)[..., ::-1])
-        axes.set_title(f'{stamp * 1e-9:.3f} s', fontsize=9)
-    for axes in figure.axes:
-        axes.set_axis_off()
-    figure.suptitle(name, fontsize=9)
-    save(figure, 'chase.png')
+    found = {stamp: series.messages_at(bag, [topics.CHASE_IMAGE], stamp)[topics.CHASE_IMAGE]
+             for stamp in series.spread(stamps, _CHASE_FRAMES)}
+    save(_panels((10, 6), (2, 2), name, [
+        (f'{stamp * 1e-9:.3f} s', layer_pictures.gray8(series.picture(bag, message).pixels))
+        for stamp, message in found.items()]), 'chase.png')
 
 
 def lidar_figure(bag: Bag, save: Save) -> None:

@@ -19,6 +19,7 @@ from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedSce
 from lunar_rover_sim.bag.series import Rows
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import BagError
+from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.base.topics import DEPTH_FRAME, FRAME, STATE, Topic
 from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.image.stereo.depth import disparity_from_depth
@@ -71,6 +72,21 @@ class TopicScan:
     frame_ids: set[str] = dataclasses.field(default_factory=set)
     problems: list[str] = dataclasses.field(default_factory=list)
     last: Any = None
+
+    def count_problem(self, expected: np.ndarray) -> str | None:
+        """Return how the stamps differ from those expected [ns], or None."""
+        have = np.unique(self.stamps_ns)
+        missing = np.setdiff1d(expected, have)
+        extra = np.setdiff1d(have, expected)
+        parts = []
+        if len(missing):
+            parts.append(f'{len(missing)} of {len(expected)} missing, first at '
+                         f'{missing[0] / NS_PER_S:.3f} s')
+        if len(extra):
+            parts.append(f'{len(extra)} off the grid, first at {extra[0] / NS_PER_S:.6f} s')
+        if len(self.stamps_ns) > len(have) and self.topic is not topics.TF:
+            parts.append(f'{len(self.stamps_ns) - len(have)} more than once')
+        return ', '.join(parts) or None
 
 
 @dataclasses.dataclass
@@ -269,6 +285,11 @@ class RoverData:
     def real_time(self) -> bool:
         """Whether it was recorded in real time, where samples may be lost."""
         return self.scenario.get('physics_node', 'time_mode') == 'real_time'
+
+    def names(self, listed: object) -> set[str]:
+        """Return names as in the contract of topics that the scenario lists."""
+        names = listed if isinstance(listed, list) else []
+        return {str(name).removeprefix(self.namespace).lstrip('/') for name in names}
 
     def of_rate(self, rate: str) -> list[TopicScan]:
         """Return the topics of a rate class; velocity commands belong to none."""

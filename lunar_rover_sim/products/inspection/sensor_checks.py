@@ -16,7 +16,6 @@ from lunar_rover_sim.image.camera.fisheye import geometry_of
 from lunar_rover_sim.image.camera.hazard import HazardConfig, sides
 from lunar_rover_sim.products.inspection.bag_scan import BagScan, DEPTH_SET, IMAGE_SET, RoverData
 from lunar_rover_sim.products.inspection.disparity_error import FrameError
-from lunar_rover_sim.products.inspection.message_checks import count_problem, recorded_names
 from lunar_rover_sim.products.inspection.report import CheckReport, Status
 
 _SCANS = (topics.LIDAR_POINTS, topics.LIDAR_DESKEWED, topics.LIDAR_SCAN)
@@ -35,7 +34,7 @@ def scans(rover: RoverData, report: CheckReport) -> None:
     expected = np.arange(period, rover.end_ns - period + 1, period)
     may_miss = rover.real_time or 'lidar_node' in (rover.scenario.get('run', 'may_fail') or [])
     problems = [f'{topic.name}: {problem}' for topic in found
-                if (problem := count_problem(topic, expected))]
+                if (problem := topic.count_problem(expected))]
     report.verdict('scans', problems, f'{len(found)} topics x {len(expected)} at {rate_hz:g} Hz',
                    Status.WARN if may_miss else Status.FAIL)
 
@@ -45,7 +44,7 @@ def hazards(rover: RoverData, report: CheckReport) -> None:
     sets = rover.scenario.get('render_node', 'hazard')
     if not isinstance(sets, Mapping):
         return
-    listed = recorded_names(rover)
+    listed = rover.names(rover.scenario.get('recorder_node', 'topics', ['all']))
     problems, found = [], 0
     for name, values in sets.items():
         try:
@@ -73,7 +72,7 @@ def _topic_problem(rover: RoverData, name: str, config: HazardConfig,
     if topic is None:
         return 'missing'
     period_ns = NS_PER_S // config.rate_hz
-    problem = count_problem(topic, np.arange(period_ns, rover.end_ns + 1, period_ns))
+    problem = topic.count_problem(np.arange(period_ns, rover.end_ns + 1, period_ns))
     if problem:
         return problem
     last, camera = topic.last, geometry_of(config)
