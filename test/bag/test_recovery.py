@@ -1,6 +1,5 @@
 """Recordings that are cut off: by a kill, a full disk, or anywhere in the file."""
 
-import contextlib
 import os
 from pathlib import Path
 import pickle
@@ -182,40 +181,26 @@ def test_bag_time_is_kept_where_it_is_not_the_stamp(tmp_path, items):
     assert [m[2] for m in everything(tmp_path / 'bag')] == [42]
 
 
-def test_a_cut_anywhere_is_survived(tmp_path, finished):
-    """Cut at 16 places, the file recovers to a prefix of the recording, or holds no chunk."""
+@pytest.mark.parametrize('has_metadata', [False, True])
+def test_a_cut_anywhere_is_survived(tmp_path, finished, has_metadata):
+    """Cut at 16 places, the file recovers to a prefix of the recording, or holds no chunk.
+
+    With its metadata, what can be read without recovery is the same bag or is not complete.
+    """
     size = (finished / 'bag.mcap').stat().st_size
     whole = everything(finished)
     counts = []
-    for i in range(16):
-        cut = cut_copy(finished, tmp_path / f'cut{i}', 50 + (size - 51) * i // 15)
-        try:
-            counts.append(recover(cut))
-        except BagError as error:
-            assert 'holds no complete chunk' in str(error)
-            counts.append(0)
-            continue
-        found = everything(cut)
-        assert set(found) <= set(whole)
-        assert len(found) == counts[-1]
-    assert counts[0] == 0
-    assert counts == sorted(counts)
-    assert counts[-1] == len(whole)
-    assert len(set(counts)) >= 3
-
-
-def test_a_cut_file_with_its_metadata_is_recovered(tmp_path, finished, items):
-    """Cut at 16 places; what can be read without recovery is the same bag or is not complete."""
-    size = (finished / 'bag.mcap').stat().st_size
-    whole = everything(finished)
-    counts = []
-    for cut in (1, 8, 100, 1000, 4000, *(size * k // 12 for k in range(1, 12))):
+    for cut in (1, 8, 100, 1000, 4000, *(size * k // 16 for k in range(1, 11)), size - 50):
         path = cut_copy(finished, tmp_path / f'cut{cut}', size - cut)
-        marker.unmark(path)
-        shutil.copy(finished / 'metadata.yaml', path)
-        with contextlib.suppress(BagError):
-            with open_bag(path) as bag:
-                assert bag.incomplete == 'bag.mcap has no end'
+        if has_metadata:
+            marker.unmark(path)
+            shutil.copy(finished / 'metadata.yaml', path)
+            try:
+                with open_bag(path) as bag:
+                    assert bag.incomplete == 'bag.mcap has no end'
+            except BagError as error:       # the command line that a user is told
+                assert str(error).endswith('bag.mcap has no end; make it readable with: '
+                                           f'lunar_rover_sim bag recover {path}')
         try:
             counts.append(recover(path))
         except BagError as error:
@@ -225,15 +210,10 @@ def test_a_cut_file_with_its_metadata_is_recovered(tmp_path, finished, items):
         found = everything(path)
         assert len(found) == counts[-1] and set(found) <= set(whole)
         with open_bag(path) as bag:
-            assert bag.incomplete == 'bag.mcap has no end'
-    assert counts == sorted(counts, reverse=True)
-    assert counts[:4] == [len(whole)] * 4
-    # The command line that a user is told.
-    path = cut_copy(finished, tmp_path / 'told', size - 4000)
-    marker.unmark(path)
-    shutil.copy(finished / 'metadata.yaml', path)
-    with pytest.raises(BagError, match=f'bag.mcap has no end; make it readable with: .* {path}$'):
-        open_bag(path)
+            assert bag.incomplete == ('bag.mcap has no end' if has_metadata
+                                      else marker.UNFINISHED)
+    assert counts == sorted(counts, reverse=True) and len(set(counts)) >= 3
+    assert counts[:4] == [len(whole)] * 4 and counts[-1] == 0
 
 
 def test_a_chunk_that_lacks_its_last_byte_is_dropped(tmp_path, finished):
