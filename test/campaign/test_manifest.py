@@ -181,16 +181,6 @@ def test_exports_can_stand_alone(tmp_path: Path) -> None:
     assert (folder / 'tum' / 'associations.txt').is_file()
 
 
-def test_json_is_replaced_whole(tmp_path: Path) -> None:
-    """A value that cannot be written leaves the file before; NaN is no JSON."""
-    path = tmp_path / 'x.json'
-    write_json(path, {'a': 1})
-    with pytest.raises(ValueError, match='JSON'):
-        write_json(path, {'a': float('nan')})
-    assert json.loads(path.read_text()) == {'a': 1}
-    assert [p.name for p in tmp_path.iterdir()] == ['x.json']
-
-
 def test_links_are_not_followed(tmp_path: Path) -> None:
     """A link in an episode does not pull the rest of the disk into its manifest."""
     (tmp_path / 'a').write_text('x')

@@ -94,13 +94,6 @@ def test_what_cannot_be_split_is_refused(dataset: Path, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_size_that_is_not_valid_is_refused_before_bags_are_read(
-        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['dataset', 'shards', str(tmp_path / 'nothing'), '-o', str(tmp_path / 'x'),
-                 '--shard-size', '0']) == 1
-    assert '--shard-size: 0 is not valid; valid is 1 to 100000' in capsys.readouterr().err
-
-
 CAMPAIGN = parse_campaign('episodes: 3\nsettings: {run.duration_s: 1.0}',
                           Path('/nowhere/test.yaml'))
 

@@ -244,16 +244,3 @@ def test_the_same_seed_gives_the_same_intervals(sets):
     told = one.to_mapping()
     assert told['a']['images'] == 5 and told['width_px'] == 80 and told['b']['path'] == str(sets.b)
     assert told['measures']['ORB matches']['a']['value'] is None
-
-
-def test_shadow_and_sky() -> None:
-    """The planted share of shadow is found; sky counts for nothing."""
-    image = np.full((HEIGHT, WIDTH), 0.6, np.float32)
-    image[:30] = 0.02                       # sky
-    image[90:, :WIDTH // 2] = 0.05          # a third of the ground, half of the width
-    assert ground_mask(image).sum() == pytest.approx(90 * WIDTH, rel=0.02)
-    glare = image + np.linspace(0.2, 0.0, WIDTH, dtype=np.float32)[None, :]
-    assert ground_mask(glare).sum() == pytest.approx(90 * WIDTH, rel=0.02)
-    values = dict(zip(MEASURES, image_statistics(GreyPair('', image)).values))
-    assert values['shadow share'] == pytest.approx(1.0 / 6.0, abs=0.01)
-    assert np.isnan(values['ORB matches']) and np.isnan(values['SGM density'])

@@ -187,6 +187,7 @@ def test_the_interval_of_a_share_covers_it_within_0_and_1():
     """In the mean of all shares, over all outcomes of 30 drives by their probabilities."""
     found = [statistics.Share.of(k, 30) for k in range(31)]
     assert all(0.0 <= each.low <= each.value <= each.high <= 1.0 for each in found)
+    assert np.isnan(statistics.Share.of(0, 0).value)
     covered = [stats.binom.pmf(range(31), 30, share)
                @ [each.low <= share <= each.high for each in found]
                for share in np.linspace(0.01, 0.99, 99)]

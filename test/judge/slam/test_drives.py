@@ -13,7 +13,7 @@ from scipy import stats
 
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.cli.main import execute, main
-from lunar_rover_sim.judge.evaluation.statistics import Comparison, Median, Share
+from lunar_rover_sim.judge.evaluation.statistics import Comparison, Median
 from lunar_rover_sim.judge.slam import table
 from lunar_rover_sim.judge.slam.benchmark_report import curves, html_report
 from lunar_rover_sim.judge.slam.drives import (csv_of_drives, Drive, join, Judged, read_csv,
@@ -153,14 +153,6 @@ def test_a_folder_without_results_is_named(tmp_path) -> None:
     next((tmp_path / 'a').glob('cells/*/result.json')).write_text('{}')
     with pytest.raises(SlamError, match='result.json: is not a result of a benchmark'):
         join([tmp_path / 'a'])
-
-
-def test_the_share_of_successes_has_an_interval_where_all_succeed() -> None:
-    """Wilson: of eight, all: from 1 / (1 + z^2 / 8)."""
-    share = Share.of(8, 8)
-    assert (share.value, share.high) == (1.0, 1.0)
-    assert share.low == pytest.approx(1.0 / (1.0 + 1.959964**2 / 8.0), rel=1e-6)
-    assert Share.of(0, 0).value != Share.of(0, 0).value
 
 
 def test_command_line(tmp_path, capsys) -> None:
@@ -364,13 +356,6 @@ def test_a_failure_is_worse_than_any_error() -> None:
     assert Comparison.of(lost, both).p == 1.0
     assert Comparison.of(lost, both).difference.count == 3
     assert Comparison.of([np.nan, 1.0], [1.0, 1.0]).pairs == 1
-
-
-def test_many_pairs() -> None:
-    rng = np.random.default_rng(5)
-    a = rng.random(40)
-    assert Comparison.of(a, a + 0.1 * rng.standard_normal(40)).p > 0.01
-    assert Comparison.of(a + 0.2, a).p < 1e-3
 
 
 def test_a_sweep_compares_neighbours() -> None:
