@@ -50,7 +50,12 @@ def test_a_short_pitch_study_from_end_to_end(tmp_path, capsys):
     assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == [
         'locomotion.md', 'locomotion.png', 'pitch.csv']
     text = (tmp_path / 'out' / 'locomotion.md').read_text()
-    assert 'start transient' in text
+    for words in ('start transient', 'step frequency', 'smooth interface', 'no interface peak'):
+        assert words in text
+    assert (tmp_path / 'out' / 'locomotion.png').stat().st_size > 10000
+    header, *rows = (tmp_path / 'out' / 'pitch.csv').read_text().splitlines()
+    assert header == 'time_s,gait_0.12mps_1.62mps2_deg,interface_0.12mps_1.62mps2_deg'
+    assert len(rows) == 14 * 200
     misses = re.findall(r'^\| 0.12 \| 1.62 \| (\d+) \| ([\d.]+) \|', text, re.MULTILINE)
     rates, medians_px = zip(*[(int(rate), float(median)) for rate, median in misses])
     assert rates == (10, 20, 40) and medians_px[0] > 3.0 * medians_px[1] > 9.0 * medians_px[2]

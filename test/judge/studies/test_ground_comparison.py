@@ -84,6 +84,10 @@ def test_a_resumed_study_drives_only_what_is_missing(tmp_path, capsys):
         'drives', 'settings.yaml', 'grounds.md', 'grounds.png', 'rigid', 'highland'}
     text = (tmp_path / 'out' / 'grounds.md').read_text()
     assert '| speed [m/s] | highland | 0.0915' in text
+    of_rigid = tmp_path / 'out' / 'rigid'
+    assert '2 worlds, 2.0 min, 12.0 m: 0 tipped over' in (of_rigid / 'traverse.md').read_text()
+    assert len((of_rigid / 'traverse.csv').read_text().splitlines()) == 3
+    assert (of_rigid / 'traverse.png').stat().st_size > 10000
 
 
 def test_walks_on_several_grounds_are_pairs(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.base.files.paths import config_path
 from lunar_rover_sim.judge.studies.locomotion import (analyse, claims, PitchCurve, study,
-                                                      velocity_interface, write_all)
+                                                      velocity_interface)
 from lunar_rover_sim.rover.description import Chassis, RoverDescription
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
 from lunar_rover_sim.rover.physics.config import ContactConfig, PhysicsConfig
@@ -104,14 +104,3 @@ def test_what_our_physics_shows(case):
     assert case.gait_report.periodicity > 0.8
     assert case.gait_report.step_share > 0.5
     assert case.mean_speed_mps == pytest.approx(0.12, rel=0.1)
-
-
-def test_the_report_names_each_claim_and_the_files_are_written(case, tmp_path):
-    text = write_all([case], [], tmp_path)
-    for claim in claims(case):
-        assert claim.name in text
-    assert 'velocity interface' in text
-    assert (tmp_path / 'locomotion.png').stat().st_size > 10000
-    lines = (tmp_path / 'pitch.csv').read_text().splitlines()
-    assert lines[0] == 'time_s,gait_0.12mps_1.62mps2_deg,interface_0.12mps_1.62mps2_deg'
-    assert len(lines) == len(case.gait.time_s) + 1

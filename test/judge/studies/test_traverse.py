@@ -11,9 +11,8 @@ from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.rocks import Rocks
 from lunar_rover_sim.judge.studies.traverse import (acceptable, CORRIDOR_M, is_stranded, obstacles,
-                                                    plot_paths, random_waypoints, report_text,
-                                                    traverse, Traverse, TraverseSettings,
-                                                    write_csv)
+                                                    random_waypoints, traverse, Traverse,
+                                                    TraverseSettings)
 from lunar_rover_sim.judge.studies.walking import flat_world
 
 
@@ -123,13 +122,3 @@ def test_one_drive_in_twenty_may_tip_over():
     assert not acceptable([result_of(k, 'tipped over') for k in range(2)])
     assert not acceptable([result_of(1), result_of(2, 'the simulation diverged')])
     assert not acceptable([result_of(1, 'tipped over'), result_of(2, 'stranded')])
-
-
-def test_the_report_has_a_line_for_each_drive(tmp_path):
-    results = [result_of(1), result_of(2, 'tipped over')]
-    text = report_text(results, 'baseline')
-    assert '2 worlds, 2.0 min, 10.0 m: 1 tipped over, 0 stranded' in text
-    write_csv(results, tmp_path / 'traverse.csv')
-    assert len((tmp_path / 'traverse.csv').read_text().splitlines()) == 3
-    plot_paths(results, tmp_path / 'traverse.png')
-    assert (tmp_path / 'traverse.png').stat().st_size > 10000
