@@ -131,10 +131,6 @@ class Dataset(Closing):
         return [EpisodeTask(plan, config.formats, config.keep_bag, config.timeout_s, self.token)
                 for plan in plans if plan.name in wanted]
 
-    def manifests(self) -> Iterator[dict[str, Any]]:
-        """Yield the manifests of the finished episodes, by name."""
-        yield from manifests(self.folder)
-
     def close(self) -> None:
         """Remove unfinished attempts, and release the folder."""
         if self._lock is not None:

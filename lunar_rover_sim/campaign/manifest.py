@@ -61,10 +61,10 @@ def json_text(content: Any) -> str:
     return json.dumps(content, indent=1, allow_nan=False) + '\n'
 
 
-def read_json(path: Path, most_bytes: int = _MOST_BYTES) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, Any]:
     """Return the object in a JSON file; raise CampaignError if there is none."""
     try:
-        document = json.loads(read_text(path, most_bytes, CampaignError))
+        document = json.loads(read_text(path, _MOST_BYTES, CampaignError))
     except (ValueError, RecursionError) as error:
         reason = one_line(error)[:200]
         raise CampaignError(f'{path}: cannot be read: {reason}') from None

@@ -17,6 +17,8 @@ from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.gravity import MOON_MPS2
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise, noise_parameters
 
+PER_DECADE = 10     # averaging times
+
 
 @dataclasses.dataclass(frozen=True)
 class AllanCurve:
@@ -46,7 +48,7 @@ class NoiseFit:
         return np.sqrt(self.white ** 2 / tau + self.random_walk ** 2 * tau / 3.0)
 
 
-def overlapping_allan(signal: ArrayLike, rate_hz: float, per_decade: int = 10) -> AllanCurve:
+def overlapping_allan(signal: ArrayLike, rate_hz: float) -> AllanCurve:
     """Return the curve of (n,) or (n, c) samples taken at rate_hz [Hz].
 
     Averaging times are spaced evenly in the logarithm, up to a tenth of the record.
@@ -59,7 +61,7 @@ def overlapping_allan(signal: ArrayLike, rate_hz: float, per_decade: int = 10) -
     integral = np.zeros((n + 1, samples.shape[1]))
     np.cumsum((samples - samples.mean(axis=0)) * interval, axis=0, out=integral[1:])
     decades = np.log10(n / 10.0)
-    sizes = np.unique(np.logspace(0.0, decades, int(per_decade * decades) + 1).astype(int))
+    sizes = np.unique(np.logspace(0.0, decades, int(PER_DECADE * decades) + 1).astype(int))
     deviation = np.empty((len(sizes), samples.shape[1]))
     for row, m in enumerate(sizes):
         second = integral[2 * m:] - 2.0 * integral[m:-m] + integral[:-2 * m]

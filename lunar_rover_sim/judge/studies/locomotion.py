@@ -55,7 +55,7 @@ class PitchReport:
 
     Attributes:
         steady_low_deg, steady_high_deg: Least and greatest pitch of the steady part.
-        steady_rms_deg, rms_deg: About the mean, of the steady part and of all after the command.
+        rms_deg: About the mean, after the command.
         overshoot_deg: How far the first seconds after the command go beyond the steady range,
             which here includes the pitch at rest, so that leaving it is no overshoot.
         decay_s: Time after the command when the curve is last beyond that range by a tenth of the
@@ -67,7 +67,6 @@ class PitchReport:
 
     steady_low_deg: float
     steady_high_deg: float
-    steady_rms_deg: float
     rms_deg: float
     overshoot_deg: float
     decay_s: float
@@ -111,7 +110,7 @@ def analyse(curve: PitchCurve, command_s: float, cycle_hz: float = math.nan,
     signal = pitch[steady] - pitch[steady].mean()
     dominant, share = _spectrum(signal, interval, step_hz)
     return PitchReport(
-        low, high, float(signal.std()), float(pitch[after].std()),
+        low, high, float(pitch[after].std()),
         max(0.0, float(beyond[after & (time <= START_S)].max())),
         float(late[-1]) if len(late) else 0.0, dominant, share,
         _autocorrelation(signal, 1.0 / (cycle_hz * interval)))

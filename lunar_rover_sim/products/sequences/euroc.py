@@ -44,7 +44,6 @@ class EurocSequence(Sequence):
                 'body frame of EuRoC, in odom; not of a camera: T_BS in mav0/cam0/sensor.yaml '
                 'is the pose of the left camera in the IMU')
     layout = 'EuRoC/ASL: mav0/cam0, cam1, imu0, ground truth of the IMU; sensor.yaml each'
-    left_images = ('mav0/cam0/data',)
     is_dated = True
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:

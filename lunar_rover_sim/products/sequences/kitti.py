@@ -114,7 +114,6 @@ class KittiSequence(PosedSequence):
                 'one for each image')
     layout = ('KITTI odometry: image_0, image_1, in colour image_2, image_3, calib.txt, '
               'times.txt, poses.txt; with LiDAR clouds, velodyne')
-    left_images = ('image_2', 'image_0')
     needs = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.LEFT_INFO.name)
     uses = (*PosedSequence.uses, *CLOUDS)
 

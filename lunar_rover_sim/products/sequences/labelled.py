@@ -158,7 +158,6 @@ class CocoSequence(LabelledSequence):
 
     layout = ('COCO: images, annotations/instances.json with boxes and masks of rocks and '
               'craters')
-    left_images = ('images',)
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
@@ -238,7 +237,6 @@ class YoloSequence(LabelledSequence):
     """
 
     layout = 'YOLO: images, labels (outlines of rocks and craters), boxes, data.yaml'
-    left_images = ('images',)
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)

@@ -73,7 +73,6 @@ class Sequence(Closing):
             it.
         poses_of: What the poses are of and where they stand, a sentence for README.txt.
         layout: The files of the format, a sentence for the card of a data set.
-        left_images: Folders that may hold its left images as PNG, the first choice first.
         is_dated: Whether files are named by time, which then counts from `epoch_ns`.
         epoch_ns: Unix time [ns] at which simulated time is 0.
         first_ns: Images before are left out.
@@ -88,7 +87,6 @@ class Sequence(Closing):
     lacks: Mapping[str, str] = {}
     poses_of: ClassVar[str] = ''
     layout: ClassVar[str] = ''
-    left_images: ClassVar[tuple[str, ...]] = ()
     is_dated: ClassVar[bool] = False
     epoch_ns = 0
     first_ns = 0

@@ -60,7 +60,6 @@ class TartanAirSequence(PosedSequence):
     layout = ('TartanAir: image_left, image_right, depth_left (npy, metres; and 16-bit PNG, '
               'millimetres), pose_left.txt, pose_right.txt (NED), calibration.yaml; with labels, '
               'seg_left and flow')
-    left_images = ('image_left',)
     needs = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.LEFT_INFO.name,
              topics.TRUE_DEPTH.name)
     uses = (topics.ODOM.name, topics.LABELS.name, topics.JOINT_STATES.name,

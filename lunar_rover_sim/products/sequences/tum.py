@@ -32,7 +32,6 @@ class TumSequence(Sequence):
     poses_of = 'groundtruth.txt: true poses of the left camera (its optical frame) in odom'
     layout = ('TUM RGB-D: rgb, depth (16-bit PNG, 5000 counts a metre), groundtruth.txt of the '
               'left camera, calibration.yaml')
-    left_images = ('rgb',)
     is_dated = True
     depth = {'depth': {'png_counts_per_m': DEPTH_FACTOR, 'along': 'optical axis', 'missing': 0}}
 

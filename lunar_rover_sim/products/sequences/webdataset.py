@@ -41,7 +41,6 @@ from lunar_rover_sim.products.sequences.sequence import PngWriter, PosedSequence
 
 DEFAULT_SIZE = 256      # samples per shard
 LARGEST_SIZE = 100_000
-PLAIN = 'shard'         # of the names of shards that belong to no split
 
 _KEY = re.compile(r'[A-Za-z0-9_-]+')
 _EXTENSION = re.compile(r'[a-z0-9_.]+')
@@ -59,16 +58,16 @@ class Shard:
 
 
 class ShardWriter:
-    """Writes samples into tars NAME-000000.tar, ... of a folder. Context manager.
+    """Writes samples into tars shard-000000.tar, ... of a folder. Context manager.
 
     Attributes:
         shards: Those that are finished; all of them after `close`.
     """
 
-    def __init__(self, folder: Path, size: int = DEFAULT_SIZE, name: str = PLAIN) -> None:
+    def __init__(self, folder: Path, size: int = DEFAULT_SIZE) -> None:
         """size: samples per shard; raises SequenceError where it is not valid."""
         check_size(size)
-        self._folder, self._size, self._name = folder, size, name
+        self._folder, self._size = folder, size
         self._tar: tarfile.TarFile | None = None
         self._path = folder
         self._count = 0
@@ -80,7 +79,7 @@ class ShardWriter:
             raise SequenceError(f'key of a sample: {key!r} is not valid; valid are letters, '
                                 'digits, _ and -')
         if self._tar is None:
-            self._path = self._folder / shard_name(self._name, len(self.shards))
+            self._path = self._folder / shard_name('shard', len(self.shards))
             self._tar = tarfile.open(self._path, 'w', format=tarfile.USTAR_FORMAT)
         for extension in sorted(files):
             if not _EXTENSION.fullmatch(extension):

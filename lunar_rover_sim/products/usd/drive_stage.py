@@ -11,7 +11,6 @@ untouched ground.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-import dataclasses
 import logging
 import os
 from pathlib import Path
@@ -21,7 +20,7 @@ import numpy as np
 
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.base import topics
-from lunar_rover_sim.base.errors import BagError, UsdError
+from lunar_rover_sim.base.errors import UsdError
 from lunar_rover_sim.base.frames import Array, BASE_FRAME, IMU_FRAME, matrix_from_wxyz
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.regolith.overlay import CELL_M
@@ -36,40 +35,13 @@ from lunar_rover_sim.products.usd.stage import (check_output, Gf, is_package, ne
 from lunar_rover_sim.products.usd.world_stage import compose_world, HASH_KEY, StageSettings
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
-from lunar_rover_sim.run.recorded_run import RecordedRun
-
-
-@dataclasses.dataclass(frozen=True)
-class RecordedDrive:
-    """The rover, its cameras and the physics of a recording."""
-
-    rover: RoverDescription
-    physics: PhysicsNodeConfig
-    render: RenderNodeConfig
-
-    @property
-    def stage_settings(self) -> StageSettings:
-        """What the stage of the world is to be made for."""
-        return settings_of(self.physics, self.render)
+from lunar_rover_sim.run.recorded_run import RecordedNodes, RecordedRun
 
 
 def settings_of(physics: PhysicsNodeConfig, render: RenderNodeConfig) -> StageSettings:
     """Return what the stage of a world is to be made for, by the parameters of the nodes."""
     return StageSettings(render.sun, render.reflectance, physics.gravity_mps2,
                          physics.contact.sliding_friction, render.detail)
-
-
-def recorded_drive(bag: Bag) -> RecordedDrive:
-    """Return what the scenario of a bag says.
-
-    Raises:
-        UsdError: Where there is none, or it is not of this version.
-    """
-    try:
-        found = RecordedRun(bag).nodes
-    except BagError as error:
-        raise UsdError(str(error)) from None
-    return RecordedDrive(found.rover, found.physics, found.render)
 
 
 logger = logging.getLogger(__name__)
@@ -89,13 +61,14 @@ def write_drive(bag: str | Path, path: str | Path, *, world: str | Path | None =
         world_stage: A stage of that world, which is referred to; by default one is written.
 
     Raises:
-        BagError: Where the bag cannot be read or `world` is another world.
+        BagError: Where the bag cannot be read, has no scenario of this version, or `world` is
+            another world.
         UsdError: Where it holds no drive, its world is not found, or the stage cannot be written.
     """
     path = Path(path)
     check_output(path, overwrite)
     with open_bag(bag) as opened:
-        recorded = recorded_drive(opened)
+        recorded = RecordedRun(opened).nodes
         motion = read_motion(opened, recorded.rover.legs)
         changes = read_ground_changes(opened)
         found = None
@@ -168,13 +141,13 @@ def _check_world_stage(path: Path, bag: Bag) -> None:
                        f'{wanted}')
 
 
-def _compose(motion: DriveMotion, recorded: RecordedDrive, world: World | None, world_stage: str,
+def _compose(motion: DriveMotion, recorded: RecordedNodes, world: World | None, world_stage: str,
              root: Path, parts: Path, tracks: Callable[[Usd.Stage, Sdf.Path], None]) -> None:
     stage, top = new_stage(root, NAME)
     if world is not None:
         (parts / 'world_parts').mkdir()
         compose_world(world, parts / 'world.usdc', parts / 'world_parts',
-                      recorded.stage_settings, WORLD)
+                      settings_of(recorded.physics, recorded.render), WORLD)
     (parts / 'rover_parts').mkdir()
     compose_rover(recorded.rover, parts / 'rover.usdc', parts / 'rover_parts',
                   recorded.render.camera, recorded.render.sensor,

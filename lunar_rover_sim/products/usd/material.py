@@ -165,8 +165,8 @@ def add_material(stage: Usd.Stage, path: Sdf.Path, look: Look,
     return material
 
 
-def write_twins(path: Path, looks: Mapping[Sdf.Path, Look], parts: str = '.') -> None:
-    """Write the layer that adds its twin to each material; arguments as for `add_material`."""
+def write_twins(path: Path, looks: Mapping[Sdf.Path, Look]) -> None:
+    """Write the layer that adds its twin to each material, beside their textures."""
     stage = Usd.Stage.CreateNew(str(path))
     for prim, look in looks.items():
         stage.OverridePrim(prim)
@@ -175,10 +175,10 @@ def write_twins(path: Path, looks: Mapping[Sdf.Path, Look], parts: str = '.') ->
         twin.SetSourceAssetSubIdentifier('OmniPBR', 'mdl')
         albedo = Gf.Vec3f(*look.twin_albedo)
         if look.texture:
-            _set_texture(twin, 'diffuse_texture', f'{parts}/{look.texture}')
+            _set_texture(twin, 'diffuse_texture', f'./{look.texture}')
             twin.CreateInput('diffuse_tint', _Types.Color3f).Set(albedo * look.texture_scale)
             if look.relief:
-                _set_texture(twin, 'detail_normalmap_texture', f'{parts}/{look.relief}')
+                _set_texture(twin, 'detail_normalmap_texture', f'./{look.relief}')
                 twin.CreateInput('detail_texture_scale', _Types.Float2).Set(
                     Gf.Vec2f(look.relief_repeats))
                 twin.CreateInput('detail_bump_factor', _Types.Float).Set(1.0)
