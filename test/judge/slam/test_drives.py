@@ -23,13 +23,16 @@ from lunar_rover_sim.judge.slam.table import rows_of
 
 
 def judged(seed: int, ate_m: float = 0.01, sensor: str = 'stereo', system: str = 'reference',
-           scenario: str = 'baseline', **of_drive) -> Judged:
+           scenario: str = 'baseline', scale: float = 0.1 + 0.9, tracked: float | None = None,
+           reason: str | None = None, failed: bool = False, **of_drive) -> Judged:
     """Return a drive of 60 s, of which all is tracked if it has an error."""
-    tracked = 1.0 if ate_m == ate_m else 0.0
+    if tracked is None:
+        tracked = 1.0 if ate_m == ate_m else 0.0
+    if reason is None:
+        reason = '' if tracked else 'lost: it wrote no pose'
     return Judged(Drive(scenario, seed, **{'duration_s': 60.0, **of_drive}),
-                  SlamResult(system, sensor, '' if tracked else 'lost: it wrote no pose', 1200,
-                             tracked, ate_m, 0.1 + 0.9, 15.0 * ate_m, distance_m=7.0 / 3.0,
-                             duration_s=59.9, wall_s=70.0))
+                  SlamResult(system, sensor, reason, 1200, tracked, ate_m, scale, 15.0 * ate_m,
+                             distance_m=7.0 / 3.0, duration_s=59.9, wall_s=70.0), failed)
 
 
 def written(path: Path, drives: list[Judged]) -> Path:
@@ -224,30 +227,19 @@ def test_values_of_a_wide_range_are_labelled() -> None:
         assert all(right.x0 >= left.x1 for left, right in zip(boxes, boxes[1:]))
 
 
-def judged_of(results: dict[tuple[str, str], list[SlamResult]]) -> list[Judged]:
-    return [Judged(Drive(scenario, seed, 40.0), result, bool(result.reason) and not result.frames)
-            for (scenario, _), seeds in results.items() for seed, result in enumerate(seeds, 1)]
-
-
-def result(sensor: str, ate_m: float, scale: float = 1.0, tracked: float = 1.0,
-           reason: str = '') -> SlamResult:
-    return SlamResult('reference', sensor, reason, 400, tracked, ate_m, scale, 20.0 * ate_m,
-                      distance_m=5.0, duration_s=40.0)
-
-
-RESULTS = {
-    ('baseline', 'stereo'): [result('stereo', a) for a in (0.010, 0.012, 0.017)],
-    ('baseline', 'mono'): [result('mono', a, 3.0) for a in (0.02, 0.03, float('nan'))],
-    ('feature_sparse', 'stereo'): [result('stereo', 0.05, 1.3),
-                                   result('stereo', 0.07, 0.9, 0.5, 'lost at 20.0 s'),
-                                   SlamResult('reference', 'stereo', 'no bag <at all>')],
-    ('feature_sparse', 'mono'): [result('mono', 0.01, 5.0, 0.4)] * 3,
-}
+NAN = float('nan')
+RESULTS = [
+    *(judged(k, ate_m) for k, ate_m in enumerate((0.010, 0.012, 0.017), 1)),
+    *(judged(k, ate_m, 'mono', tracked=1.0) for k, ate_m in enumerate((0.02, 0.03, NAN), 1)),
+    judged(1, 0.05, scenario='feature_sparse'),
+    judged(2, 0.07, scenario='feature_sparse', tracked=0.5, reason='lost at 20.0 s'),
+    judged(3, NAN, scenario='feature_sparse', reason='no bag <at all>', failed=True),
+    *(judged(k, 0.01, 'mono', scenario='feature_sparse', tracked=0.4) for k in (1, 2, 3))]
 
 
 def test_successes_and_medians() -> None:
     """A drive that lost its track has no error in the median, and says what it had."""
-    rows = {(r.scenario, r.sensor): r for r in table.rows_of(judged_of(RESULTS))}
+    rows = {(r.scenario, r.sensor): r for r in table.rows_of(RESULTS)}
     good = rows['baseline', 'stereo']
     assert (good.successes, good.drives, good.ate_m.value, good.ate_m.count) == (3, 3, 0.012, 3)
     assert (good.ate_m.low, good.ate_m.high) == (0.010, 0.017)
@@ -262,8 +254,7 @@ def test_successes_and_medians() -> None:
 
 
 def test_formats(tmp_path) -> None:
-    judged = judged_of(RESULTS)
-    rows = table.rows_of(judged)
+    rows = table.rows_of(RESULTS)
     (tmp_path / 'paper.yaml').write_text('baseline: {stereo: {ate_m: 0.125, scale: 1.02}}\n')
     paper = table.read_paper(tmp_path / 'paper.yaml')
     text = table.markdown(rows, paper).splitlines()
@@ -276,7 +267,7 @@ def test_formats(tmp_path) -> None:
     assert [float(numbers[0][f'ate_m{end}']) for end in ('', '_low', '_high', '_n')] == [
         0.012, 0.010, 0.017, 3.0]
     assert numbers[0]['successes'] == '3' and numbers[2]['reasons'].endswith('no bag <at all>')
-    page = html_report('Benchmark', ['Stated.'], rows, judged, ['Found.'], paper=paper)
+    page = html_report('Benchmark', ['Stated.'], rows, RESULTS, ['Found.'], paper=paper)
     assert 'Found.' in page
     assert page.count('data:image/png;base64,') == 2 and 'no bag &lt;at all&gt;' in page
     assert 'src="http' not in page and '<link' not in page and '<script' not in page
@@ -295,15 +286,10 @@ def test_bad_paper(tmp_path, text) -> None:
 LOST = None
 
 
-def drives(scenario: str, sensor: str, errors: list[float | None],
-           scales: list[float] | None = None, value: str = '') -> list[Judged]:
-    """Return a result per seed; LOST is a drive of which 40 % was tracked, with a small error."""
-    scales = scales or [1.0] * len(errors)
-    return [Judged(Drive(scenario, seed, 60.0, value=value),
-                   SlamResult('reference', sensor, 'lost' if error is LOST else '', 1200,
-                              0.4 if error is LOST else 1.0, 0.001 if error is LOST else error,
-                              scale))
-            for seed, (error, scale) in enumerate(zip(errors, scales), 1)]
+def drives(errors: list[float | None], value: str) -> list[Judged]:
+    """Return a drive per seed; LOST is one of which 40 % was tracked, with a small error."""
+    return [judged(seed, 0.001, tracked=0.4, reason='lost', value=value) if error is LOST
+            else judged(seed, error, value=value) for seed, error in enumerate(errors, 1)]
 
 
 TEN = np.array([2.1, 1.4, 0.9, 3.0, 1.7, 2.6, 1.1, 1.9, 2.2, 1.3]) * 1e-3
@@ -361,9 +347,9 @@ def test_a_failure_is_worse_than_any_error() -> None:
 def test_a_sweep_compares_neighbours() -> None:
     """Eight drives that fail or get worse show a step; a single failure does not."""
     low = [LOST, LOST, LOST, LOST, 0.05, 0.06, 0.07, 0.08]
-    cells = [*drives('baseline', 'stereo', low, value='2'),
-             *drives('baseline', 'stereo', [*[0.01] * 7, 0.02], value='6'),
-             *drives('baseline', 'stereo', [LOST, *[0.01] * 6, 0.02], value='10')]
+    cells = [*drives(low, value='2'),
+             *drives([*[0.01] * 7, 0.02], value='6'),
+             *drives([LOST, *[0.01] * 6, 0.02], value='10')]
     assert table.steps(rows_of(cells), cells) == [
         'baseline, stereo, reference, from 2 to 6: the error becomes smaller '
         '(n = 8, effect +1.00, p = 0.0078, q = 0.016 of 2 tests)',
@@ -377,5 +363,5 @@ def test_a_sweep_compares_neighbours() -> None:
     assert 'n = 7' in table.steps(rows_of(cells), cells)[0]
     # Among eleven steps of nothing, the same drives show nothing.
     cells += [one for value in range(11, 22)
-              for one in drives('baseline', 'stereo', [0.01] * 8, value=str(value))]
+              for one in drives([0.01] * 8, value=str(value))]
     assert not any('becomes' in line for line in table.steps(rows_of(cells), cells))

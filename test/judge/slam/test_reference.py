@@ -84,16 +84,6 @@ def test_stereo_is_metric(drive) -> None:
     assert result.rpe_time_deg.rmse < 0.15
 
 
-def test_mono_has_its_own_scale(drive) -> None:
-    frames, truth = drive
-    odometry = VisualOdometry(MONO)
-    located = [odometry.add(*frame) for frame in frames]
-    # It starts once parallax allows, and is not lost then.
-    assert all(located[located.index(True):]) and sum(located) > 15
-    result = evaluate(truth, odometry.trajectory(), align='sim3')
-    assert result.ate_m.rmse < 0.01 * truth.length_m
-
-
 def test_moving_shadow_is_left_out(drive) -> None:
     """A dark patch that stays in the image, as the rover's own shadow does, moves nothing."""
     frames, truth = drive

@@ -73,7 +73,8 @@ def test_mono_shape(drive) -> None:
     frames, truth, rig = drive
     odometry = VisualOdometry(of(rig, 0.0))
     located = [odometry.add(*frame) for frame in frames]
-    assert all(located[located.index(True):])
+    # It starts once parallax allows, and is not lost then.
+    assert all(located[located.index(True):]) and sum(located) > 15
     result = evaluate(truth, odometry.trajectory(), align='sim3')
     assert result.ate_m.rmse < 0.005 * truth.length_m
 
