@@ -14,6 +14,7 @@ import yaml
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.writer import BagWriter
+from lunar_rover_sim.base import topics
 from lunar_rover_sim.products.inspection.check import check
 from lunar_rover_sim.products.inspection.report import Status
 
@@ -203,3 +204,32 @@ def test_messages_that_the_reader_does_not_find(good: list[Item], tmp_path: Path
     assert [(f.check, f.detail) for f in check(bag).failed] == [
         ('latched', '/tf_static: 0 messages'),
         ('readable', '/tf_static: 0 of 1 messages are found')]
+
+
+def found(path):
+    return next((f.status, f.detail) for f in check(path).findings if f.check == 'windows')
+
+
+@pytest.fixture(scope='module')
+def items():
+    return synthetic.drive(0.2, only=(topics.ODOM, topics.CLOCK, topics.SCENARIO,
+                                      topics.WORLD_HASH, topics.WORLD_WINDOW))
+
+
+def test_windows_are_checked(items, tmp_path):
+    whole = synthetic.write(tmp_path / 'whole', [*items, synthetic.window(100_000_000,
+                                                                          (12.8, 0.0))])
+    status, detail = found(whole)
+    assert status is Status.PASS and detail.startswith('2;')
+    far = synthetic.write(tmp_path / 'far', [*items, synthetic.window(100_000_000, (38.4, 0.0))])
+    status, detail = found(far)
+    assert status is Status.FAIL and 'outside its window at 0.100 s' in detail
+    between = synthetic.write(tmp_path / 'between', [*items, synthetic.window(101_000_000,
+                                                                              (12.8, 0.0))])
+    status, detail = found(between)
+    assert status is Status.FAIL and 'no state at 0.101 s' in detail
+    late = synthetic.write(tmp_path / 'late', [
+        *(item for item in items if item.topic != 'world/window'),
+        synthetic.window(100_000_000, (0.0, 0.0))])
+    status, detail = found(late)
+    assert status is Status.FAIL and '19 states before' in detail
