@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 import signal
 import socket
+import struct
 import subprocess
 
 from conftest import BLIND, command, PLAIN, processes_naming, RIGID, SMALL, TINY
@@ -13,6 +14,7 @@ from waiting import LIMIT_S
 pytest.importorskip('websockets')
 from rosbags.typesys import get_typestore, Stores  # noqa: E402
 from view_client import client, free_port  # noqa: E402  (needs the extra)
+from websockets.exceptions import InvalidStatus  # noqa: E402
 
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.base import topics  # noqa: E402
@@ -75,17 +77,21 @@ def test_what_is_watched_arrives_while_the_run_goes_on(world_folder: Path,
 
 
 def test_a_run_goes_on_without_its_view(world_folder: Path, tmp_path: Path) -> None:
-    """It names the view that was killed, once."""
+    """It names the view that was killed, once. Another page has not driven it before."""
     folder, port = tmp_path / 'run', free_port()
     # In real time a run without images lasts as long as its drive.
-    run = start(folder, port, *BLIND, '--real-time')
+    run = start(folder, port, *BLIND, '--teleop')
     with client(port) as viewer:
         viewer.subscribe('/odom')
         viewer.message()
+        with pytest.raises(InvalidStatus), client(port, origin='https://evil.example') as other:
+            other.drive('/cmd_vel', struct.pack('<4x6d', 0.1, 0, 0, 0, 0, 0))
         view, = processes_naming('entry_points view_node', f'port:={port}')
         os.kill(view, signal.SIGKILL)
     # Real time waits for nobody: a recorder without a processor misses the last states.
     said = finished(run, folder, port, missing=200)
+    with open_bag(folder / 'bag') as bag:
+        assert '/cmd_vel' not in bag.types
     assert said.count('view_node: ended with SIGKILL; the run goes on without the live view') == 1
 
 
