@@ -31,7 +31,7 @@ from lunar_rover_sim.products.sequences.export import export as write
 from lunar_rover_sim.products.sequences.export import (FORMATS, hazards_left_out, sensors_left_out,
                                                        WEBDATASET)
 from lunar_rover_sim.products.sequences.webdataset import DEFAULT_SIZE, ShardOptions
-from lunar_rover_sim.products.usd.names import stage_bytes
+from lunar_rover_sim.products.usd.names import is_stage, stage_bytes
 from lunar_rover_sim.run.live_page import Access
 from lunar_rover_sim.run.node_config import VIEW_PORT
 
@@ -227,6 +227,9 @@ def export(bag: Path, output: Path, format_: str, shard_size: int | None, epoch:
         raise ConfigError(f'--epoch: is for --format {" or ".join(_DATED)}, not for {format_}')
     if format_ == _USD:
         return _export_stage(bag, output, world, world_stage, overwrite)
+    if is_stage(output):
+        raise ConfigError(f'--output: {output} is the name of a stage, and {format_} is a folder; '
+                          f'a stage needs --format {_USD}')
     for name, value in (('--world', world), ('--world-stage', world_stage),
                         ('--overwrite', overwrite)):
         if value:

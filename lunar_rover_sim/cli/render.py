@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.base.errors import ConfigError, RenderError
+from lunar_rover_sim.base.files.arrays import npy_bytes
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.images import png_bytes
 from lunar_rover_sim.base.files.paths import make_new_folder
@@ -126,7 +127,7 @@ def _save_picture(path: Path, pixels: NDArray[Any]) -> None:
 
 
 def _save_array(path: Path, values: NDArray[Any]) -> None:
-    atomic_write(path, lambda stream: np.save(stream, values, allow_pickle=False), RenderError)
+    atomic_write(path, npy_bytes(values), RenderError)
 
 
 def _standing(world: World, pose: Sequence[float]) -> Array:

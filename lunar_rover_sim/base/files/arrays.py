@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 import threading
 
@@ -14,6 +15,17 @@ from lunar_rover_sim.base.files.paths import check_regular
 # NumPy parses the headers of files by `ast`, which fails now and then in Python 3.11 where two
 # threads do so at once (CPython's issue 106905).
 _HEADERS = threading.Lock()
+
+
+def npy_bytes(array: NDArray) -> bytes:
+    """Return an array as a .npy file.
+
+    To a file `np.save` and `tofile` write in C: they do not say that a disk is full, and lose the
+    last block in silence.
+    """
+    stream = io.BytesIO()
+    np.save(stream, array, allow_pickle=False)
+    return stream.getvalue()
 
 
 def map_array(path: Path, error: type[LunarRoverSimError]) -> NDArray:

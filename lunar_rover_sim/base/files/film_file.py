@@ -73,7 +73,24 @@ def _encode(path: Path, frames: Iterator[U8], rate_hz: float) -> int:
             writer.release()
     if not count:
         raise ConfigError('film: 0 frames are not valid; valid is at least one')
+    if not _is_whole(path):     # the encoder says nothing of a full disk
+        raise OSError('the film is not whole; is the disk full?')
     return count
+
+
+def _is_whole(path: Path) -> bool:
+    """Return whether the boxes of an MP4 (ISO/IEC 14496-12) fill it, the table of frames too."""
+    names, at, end = set(), 0, path.stat().st_size
+    with path.open('rb') as file:
+        while at < end:
+            file.seek(at)
+            head = file.read(16)
+            size = int.from_bytes(head[8:16] if head[:4] == b'\0\0\0\1' else head[:4], 'big')
+            if size < 8:
+                return False
+            names.add(head[4:8])
+            at += size
+    return at == end and b'moov' in names
 
 
 def _animate(path: Path, frames: Iterator[U8], rate_hz: float, quality: int) -> int:

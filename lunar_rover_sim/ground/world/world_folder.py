@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.base.errors import brief, check_argument, check_path, ConfigError, WorldError
-from lunar_rover_sim.base.files.arrays import map_array, read_archive
+from lunar_rover_sim.base.files.arrays import map_array, npy_bytes, read_archive
 from lunar_rover_sim.base.files.atomic import partial_folder
 from lunar_rover_sim.base.files.yaml_text import read_yaml, yaml_of
 from lunar_rover_sim.ground.world.config import WorldConfig
@@ -99,8 +99,8 @@ def save_world(world: World, folder: str | pathlib.Path, overwrite: bool = False
 
 def _write(world: World, folder: pathlib.Path) -> None:
     for index, level in enumerate(world.levels):
-        np.save(folder / f'height_{index}.npy', level.heights_m, allow_pickle=False)
-    np.save(folder / 'albedo.npy', world.albedo, allow_pickle=False)
+        (folder / f'height_{index}.npy').write_bytes(npy_bytes(level.heights_m))
+    (folder / 'albedo.npy').write_bytes(npy_bytes(world.albedo))
     np.savez(folder / 'rocks.npz', **_fields(world.rocks))  # type: ignore[arg-type]
     np.savez(folder / 'craters.npz', **_fields(world.craters))  # type: ignore[arg-type]
     meshes: dict[str, NDArray] = {'names': np.array([s.name for s in world.rock_shapes], 'U64')}

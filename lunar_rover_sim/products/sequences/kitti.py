@@ -95,7 +95,8 @@ class VelodyneFiles:
             if self._moves:
                 T = inverse(self._T_odom_lidar(image_ns)) @ self._T_odom_lidar(scan_ns)
                 rows = np.concatenate([rows[:, :3] @ T[:3, :3].T + T[:3, 3], rows[:, 3:]], axis=1)
-            rows.astype('<f4').tofile(self._folder / f'{len(self.stamps_ns):06d}.bin')
+            (self._folder / f'{len(self.stamps_ns):06d}.bin').write_bytes(
+                rows.astype('<f4').tobytes())
             self.stamps_ns.append(scan_ns)
 
     def _T_odom_lidar(self, stamp_ns: int) -> Array:

@@ -30,6 +30,7 @@ from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import SequenceError
+from lunar_rover_sim.base.files.arrays import npy_bytes
 from lunar_rover_sim.base.frames import Array, wxyz_from_matrix
 from lunar_rover_sim.base.seconds import in_seconds
 from lunar_rover_sim.image.camera.flow import FlowModel, Moved
@@ -104,8 +105,8 @@ class TartanAirSequence(PosedSequence):
             if depth.name in pixels:
                 self._write_depth(f'{number}_{side}', side, pixels[depth.name])
             if labels.name in pixels:
-                np.save(self.folder / f'seg_{side}' / f'{number}_{side}_seg.npy',
-                        classes(pixels[labels.name]), allow_pickle=False)
+                (self.folder / f'seg_{side}' / f'{number}_{side}_seg.npy').write_bytes(
+                    npy_bytes(classes(pixels[labels.name])))
         if self._flow is not None:
             self._flow.image(self.count, stamp_ns,
                              pixels[topics.TRUE_DEPTH.name].astype(np.float32),
@@ -114,8 +115,8 @@ class TartanAirSequence(PosedSequence):
 
     def _write_depth(self, name: str, side: str, depth: NDArray[Any]) -> None:
         depth_m = depth.astype(np.float32)
-        np.save(self.folder / f'depth_{side}' / f'{name}_depth.npy',
-                np.where(np.isfinite(depth_m), depth_m, np.float32(SKY_M)), allow_pickle=False)
+        (self.folder / f'depth_{side}' / f'{name}_depth.npy').write_bytes(
+            npy_bytes(np.where(np.isfinite(depth_m), depth_m, np.float32(SKY_M))))
         self.png.write(self.folder / f'depth_{side}_mm' / f'{name}_depth.png',
                        millimetres(depth_m))
 
@@ -262,9 +263,9 @@ class FlowFiles:
         depth_then = frame.depth_m + model.scene_flow()[..., 2]
         mask = seen_mask(flow, np.where(np.isnan(depth_then), np.inf, depth_then),
                          following.depth_m)
-        name = self._folder / f'{frame.number:06d}_{following.number:06d}'
-        np.save(f'{name}_flow.npy', np.nan_to_num(flow, nan=0.0), allow_pickle=False)
-        np.save(f'{name}_mask.npy', mask, allow_pickle=False)
+        name = f'{frame.number:06d}_{following.number:06d}'
+        (self._folder / f'{name}_flow.npy').write_bytes(npy_bytes(np.nan_to_num(flow, nan=0.0)))
+        (self._folder / f'{name}_mask.npy').write_bytes(npy_bytes(mask))
 
     def _links(self, T_odom_base: Array, stamp_ns: int) -> list[Array]:
         """Return the poses of base_link and the legs."""

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import SequenceError
+from lunar_rover_sim.base.files.arrays import npy_bytes
 from lunar_rover_sim.base.files.images import png_bytes
 from lunar_rover_sim.base.files.paths import counted, file_hash
 from lunar_rover_sim.base.frames import Array, inverse
@@ -149,13 +150,6 @@ def index_text(name: str, shards: Iterable[Shard], more: Mapping[str, Any]) -> s
 def key_part(name: str) -> str:
     """Return a name as part of a key: other characters than letters, digits and - become _."""
     return re.sub(r'[^A-Za-z0-9-]', '_', name)[:_MOST_NAME] or '_'
-
-
-def npy_bytes(values: NDArray[Any]) -> bytes:
-    """Return an array as a NPY file."""
-    stream = io.BytesIO()
-    np.save(stream, values, allow_pickle=False)
-    return stream.getvalue()
 
 
 INDEX_FILE = 'index.json'

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+import zipfile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -90,14 +91,18 @@ def write_stage(path: Path, compose: Callable[[Path, Path], None],
             compose(root, parts)
             if packed:
                 package = work / path.name
-                if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(root)), str(package)):
-                    raise UsdError(f'{path}: the package cannot be written')
+                # It says nothing of a full disk: then the table at the end is missing.
+                if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(root)), str(package)) \
+                        or not zipfile.is_zipfile(package):
+                    raise OSError('the package is not whole; is the disk full?')
                 package.replace(path)
             else:
                 _replace(parts, path.with_name(parts.name), work)
                 root.replace(path)
     except Tf.ErrorException as error:
-        raise UsdError(f'{path}: cannot be written: {one_line(error)}') from None
+        # Others follow from the first one, and each has its place in the source of OpenUSD.
+        reason = one_line(error.args[0].commentary)
+        raise UsdError(f'{path}: cannot be written: {reason}') from None
     return path
 
 

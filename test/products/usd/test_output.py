@@ -91,6 +91,8 @@ def test_without_openusd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     (['world', 'export', 'w', '-o', 'a.usd', '--stride', '2'], '--stride: is for mesh files'),
     (['world', 'export', 'w', '-o', 'a.usd', '--sun', '1', '99'], '--sun: 1 99 is not valid'),
     (['bag', 'export', 'b', '-o', 'a', '--world', 'w'], '--world: is for --format usd'),
+    (['bag', 'export', 'b', '-o', 'a.usdz'], 'a.usdz is the name of a stage, and euroc is a '
+     'folder; a stage needs --format usd'),
     (['bag', 'export', 'b', '-o', 'a.usd', '--format', 'usd', '--world', 'w', '--world-stage',
       'v'], 'both are given'),
     (['rover', 'export', '-o', 'a.stl'], '.stl is not valid; valid are .usd'),
