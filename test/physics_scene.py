@@ -18,7 +18,7 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.physics.state import RoverState
-from lunar_rover_sim.sensors.sun_from_rover import reaches_sky
+from lunar_rover_sim.sensors.sun_from_rover import SkyRays
 
 GRAVITY = 1.62
 ROVER = RoverDescription()
@@ -50,8 +50,7 @@ def sun_seen(simulation: Simulation, world: World, place: np.ndarray, azimuth_de
     """Return what a place (3,) in base_link sees of a sun."""
     view = SunView(world, SunConfig(azimuth_deg=azimuth_deg, elevation_deg=elevation_deg))
     T = simulation.state.T_world_base
-    return view.seen_from(T[:3, :3] @ place + T[:3, 3],
-                          lambda point, rays: reaches_sky(simulation, point, rays))
+    return view.seen_from(T[:3, :3] @ place + T[:3, 3], SkyRays(simulation).reached)
 
 
 def plane_heights(slope_deg: float, n: int = 401, cell_m: float = 0.025) -> np.ndarray:

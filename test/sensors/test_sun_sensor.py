@@ -2,10 +2,12 @@
 
 import dataclasses
 
+import mujoco
 import numpy as np
 from physics_scene import make_world, ROVER, STATE_S, step_world, sun_seen
 import pytest
 from scipy.spatial.transform import Rotation
+import worlds
 
 from lunar_rover_sim.base.frames import sun_direction
 from lunar_rover_sim.ground.world.grid import HeightGrid
@@ -19,6 +21,7 @@ from lunar_rover_sim.sensors.registry import mounted, SensorsConfig
 from lunar_rover_sim.sensors.sensor import Platform
 from lunar_rover_sim.sensors.solar_panel import SolarPanelConfig
 from lunar_rover_sim.sensors.star_tracker import StarCamera, StarTrackerConfig
+from lunar_rover_sim.sensors.sun_from_rover import SkyRays
 from lunar_rover_sim.sensors.sun_sensor import SunHeads, SunSensorConfig
 
 EVERYTHING_CLEAR = (lambda point, rays: np.ones(len(rays), bool))
@@ -89,6 +92,29 @@ def test_ground_and_rover_cast_their_shadows():
         assert share(180.0, 3.0, behind_mast) == 0.0
         # Inside the chassis nothing is seen.
         assert share(90.0, 10.0, np.zeros(3)) == 0.0
+
+
+def test_rays_to_the_sky_hit_what_mujoco_hits():
+    """Ground, rocks and rover, near to the horizon, from places around a rover that is tilted."""
+    world, geom = worlds.small(rocks={'abundance': 0.1}), np.zeros(1, np.int32)
+    rng, different, hit = np.random.default_rng(5), 0, 0
+    with Simulation(world, ROVER, PhysicsConfig()) as simulation:
+        sky, x, y = SkyRays(simulation), *simulation.state.position_m[:2]
+        for k in range(20):
+            place = np.array([*(x, y) + rng.uniform(-2.0, 2.0, 2), 0.0])
+            place[2] = world.height_at(place[:2]) + rng.uniform(0.05, 0.3)
+            azimuth, elevation = rng.uniform(0.0, 360.0, 30), rng.uniform(-2.0, 25.0, 30)
+            rays = np.array([sun_direction(a, e) for a, e in zip(azimuth, elevation)])
+            if k % 2:       # towards the rover
+                rays[0] = simulation.state.position_m - place
+                rays[0] /= np.linalg.norm(rays[0])
+            free = sky.reached(place, rays)
+            expected = np.array([mujoco.mj_ray(simulation.model, simulation.data, place, ray, None,
+                                               1, -1, geom) < 0.0 for ray in rays])
+            different += int((free != expected).sum())
+            hit += int((~expected).sum())
+    # One that grazes an edge may round to the other side.
+    assert different <= 1 and 60 < hit < 540
 
 
 def test_a_true_sensor_measures_the_truth():
