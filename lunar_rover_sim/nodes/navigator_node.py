@@ -226,7 +226,8 @@ class NavigatorNode(node_main.GraphNode):
     def _is_ready(self, now_ns: int) -> bool:
         if not self._config.lockstep:
             return True
-        if self._poses.answered_ns < self._pose_due(now_ns):
+        if (self._poses.answered_ns < self._pose_due(now_ns)
+                or not self._poses.is_carried_to(now_ns)):
             return False
         # Maps come at multiples of their period, from the first one on.
         due = (now_ns - self._lag_ns) // self._map_ns * self._map_ns
@@ -242,7 +243,7 @@ class NavigatorNode(node_main.GraphNode):
     def _answer(self, now_ns: int) -> None:
         lockstep = self._config.lockstep
         known = self._pose_due(now_ns) if lockstep else now_ns
-        pose = self._poses.newest(known)
+        pose = self._poses.newest(known, now_ns)
         up_to = now_ns - self._lag_ns if lockstep else now_ns
         grid = next((grid for stamp, grid in reversed(self._maps) if stamp <= up_to), None)
         if grid is not None and grid.stamp_ns <= 1:
@@ -250,8 +251,9 @@ class NavigatorNode(node_main.GraphNode):
         T = np.full((4, 4), np.nan) if pose is None else pose[1]
         turn = (frames.wxyz_from_matrix(T[:3, :3]) if np.isfinite(T).all()
                 else np.full(4, np.nan))
+        tilt = self._poses.tilt_deg(known if pose is None else max(known, pose[0]))
         command = self._navigator.update(now_ns, None if pose is None else pose[0], T[:3, 3],
-                                         turn, grid, self._poses.tilt_deg(known))
+                                         turn, grid, tilt)
         stamp = conversions.time_msg(now_ns)
         velocity = command.forward_mps, command.yaw_rate_radps
         if self._config.enable_stamped_cmd_vel:

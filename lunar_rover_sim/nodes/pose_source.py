@@ -30,6 +30,7 @@ from lunar_rover_sim.rover.mounts import imu_pose, optical_poses
 from lunar_rover_sim.run.shared_config import NodeConfig
 
 _KEPT_NS = 5_000_000_000    # poses older than this are forgotten
+_JUMP_M = 0.5               # from where wheels carried it: a pose in the site has jumped
 _TRACKING = STATES[TRACKING]
 
 
@@ -37,7 +38,9 @@ class PoseSource:
     """Subscriptions of one source of poses, and the poses of the last seconds.
 
     An estimate begins at the true start: a rover knows where it was set down. From then on only
-    the estimate counts. Where a SLAM program begins another map, wheels and IMU place it.
+    the estimate counts. Where a SLAM program begins another map, wheels and IMU place it. Poses of
+    slam/pose in the frame `odom` are those in the site, of an estimator with a map from orbit:
+    they are taken as they are, and wheels and IMU carry them on between frames.
 
     Attributes:
         frame_id: Frame of the poses.
@@ -49,7 +52,7 @@ class PoseSource:
         """Subscribe.
 
         Args:
-            on_answer: Called when `answered_ns` has grown.
+            on_answer: Called when `answered_ns` has grown, or a pose can be carried further.
             on_restart: Called when simulated time has gone back.
         """
         self._node, self._kind = node, pose
@@ -60,12 +63,15 @@ class PoseSource:
         self._poses: deque[tuple[int, Array]] = deque()
         self._wheels: deque[Odometry] = deque()
         self._rolled: deque[tuple[int, Array]] = deque()    # poses by wheels and IMU
-        self._tracked: deque[tuple[int, Array]] = deque()   # T_map_camera of the SLAM program
+        # T_map_camera of the SLAM program, and whether the map is the site.
+        self._tracked: deque[tuple[int, Array, bool]] = deque()
         self._statuses: deque[tuple[int, bool]] = deque()   # and whether it tracks
         self._told_ns = self._imu_ns = 0                    # of the newest pose told, and sample
         self._R_base_imu = imu_pose(rover)[:3, :3]
         self._levelled = LevelledWheels()
         self._anchored = AnchoredPoses(optical_poses(rover)[0])
+        self._T_camera_base = frames.inverse(optical_poses(rover)[0])
+        self._is_in_site, self._jumped_ns = False, -1
         self.answered_ns = 0
         self._rolls = False         # whether wheels have begun at the true start
 
@@ -92,12 +98,28 @@ class PoseSource:
             return self._true(stamp)
         return next((T for ns, T in self._poses if ns == stamp), None)
 
-    def newest(self, up_to_ns: int) -> tuple[int, Array] | None:
-        """Return stamp [ns] and pose of the newest one up to a stamp; None without any."""
+    def newest(self, up_to_ns: int, carried_to_ns: int | None = None,
+               ) -> tuple[int, Array] | None:
+        """Return stamp [ns] and pose of the newest one up to a stamp; None without any.
+
+        Args:
+            carried_to_ns: To which wheels and IMU carry a pose in the site.
+        """
         if self._kind == TRUTH:
             found = next(((ns, raw) for ns, raw in reversed(self._truth) if ns <= up_to_ns), None)
             return None if found is None else (found[0], _pose_of(found[1]))
-        return next(((ns, T) for ns, T in reversed(self._poses) if ns <= up_to_ns), None)
+        newest = next(((ns, T) for ns, T in reversed(self._poses) if ns <= up_to_ns), None)
+        if newest is None or carried_to_ns is None or not self._is_in_site:
+            return newest
+        return self._carried(*newest, carried_to_ns)
+
+    def is_carried_to(self, stamp: int) -> bool:
+        """Return whether all has come by which a pose is carried to a stamp [ns]."""
+        return not self._is_in_site or bool(self._rolled) and self._rolled[-1][0] >= stamp
+
+    def has_jumped(self, stamp: int) -> bool:
+        """Return whether the pose in the site at a stamp [ns] is not where the wheels came to."""
+        return stamp == self._jumped_ns
 
     def tilt_deg(self, up_to_ns: int) -> float | None:
         """Return the tilt by the IMU, of the newest pose by wheels up to a stamp.
@@ -116,7 +138,7 @@ class PoseSource:
     def state(self) -> dict[str, Any]:
         """Return all that it goes on from, at rest."""
         return attributes(self, '_truth', '_poses', '_rolled', '_told_ns', '_imu_ns', '_levelled',
-                          '_anchored', 'answered_ns', '_rolls')
+                          '_anchored', '_is_in_site', '_jumped_ns', 'answered_ns', '_rolls')
 
     def resume(self, time_ns: int, state: Mapping[str, Any]) -> None:
         """Go on at a time [ns] from what `state` has returned."""
@@ -134,7 +156,7 @@ class PoseSource:
             self._levelled.restart()
             self._anchored.restart()
             self.answered_ns = self._told_ns = self._imu_ns = 0
-            self._rolls = False
+            self._rolls, self._jumped_ns = False, -1
             self._on_restart()
         if self._kind != TRUTH and self._begun:
             self._truth.clear()
@@ -166,7 +188,7 @@ class PoseSource:
                                     'pose, and not used')
         else:
             T = frames.se3(frames.matrix_from_wxyz(numbers[3:] / norm), numbers[:3])
-            self._tracked.append((self._told_ns, T))
+            self._tracked.append((self._told_ns, T, msg.header.frame_id == frames.ODOM_FRAME))
         self._pair()
 
     def _status_callback(self, msg: DiagnosticArray) -> None:
@@ -177,7 +199,8 @@ class PoseSource:
     @property
     def _begun(self) -> bool:
         """Whether the true start is not needed any more."""
-        return self._rolls and (self._kind != SLAM or self._anchored.is_anchored)
+        return self._rolls and (self._kind != SLAM or self._is_in_site
+                                or self._anchored.is_anchored)
 
     def _pair(self) -> None:
         """Make poses of what has come of several topics."""
@@ -195,17 +218,40 @@ class PoseSource:
     def _anchor(self, up_to_ns: int) -> bool:
         """Make the poses of the SLAM program up to a stamp [ns]; return whether none waits."""
         while self._tracked and self._tracked[0][0] <= up_to_ns:
-            stamp, T_map_camera = self._tracked[0]
-            waits, start = self._start(stamp, self._anchored.is_anchored)
+            stamp, T_map_camera, self._is_in_site = self._tracked[0]
+            waits, start = self._start(stamp, self._is_in_site or self._anchored.is_anchored)
             if waits or not self._rolled or self._rolled[-1][0] < stamp:
                 return False
             self._tracked.popleft()
-            rolled = next((T for ns, T in reversed(self._rolled) if ns <= stamp), None)
+            if self._is_in_site:
+                self._take_in_site(stamp, T_map_camera @ self._T_camera_base)
+                continue
+            rolled = self._rolled_at(stamp)
             if rolled is None or start is None and not self._anchored.is_anchored:
                 continue            # from before this node has joined
             self._poses.append((stamp, self._anchored.base(T_map_camera, rolled, start)))
             _forget(self._poses, stamp)
         return True
+
+    def _take_in_site(self, stamp: int, T_site_base: Array) -> None:
+        if self._poses:
+            expected = self._carried(*self._poses[-1], stamp)
+            if expected is None or float(np.linalg.norm(
+                    T_site_base[:3, 3] - expected[1][:3, 3])) > _JUMP_M:
+                self._jumped_ns = stamp
+        self._poses.append((stamp, T_site_base))
+        _forget(self._poses, stamp)
+
+    def _carried(self, stamp: int, T: Array, to_ns: int) -> tuple[int, Array] | None:
+        """Return a pose carried on to a time [ns], and when it is from; None if it is too old."""
+        before = self._rolled_at(stamp)
+        now = next(((ns, rolled) for ns, rolled in reversed(self._rolled) if ns <= to_ns), None)
+        if before is None or now is None:
+            return None
+        return now[0], np.asarray(T @ frames.inverse(before) @ now[1])
+
+    def _rolled_at(self, stamp: int) -> Array | None:
+        return next((T for ns, T in reversed(self._rolled) if ns <= stamp), None)
 
     def _roll(self) -> None:
         """Make the poses of wheels and IMU."""
@@ -226,6 +272,8 @@ class PoseSource:
                 self._poses.append((stamp, pose))
                 _forget(self._poses, stamp)
                 self._answered(stamp)
+            elif self._is_in_site:
+                self._on_answer()
 
     def _start(self, stamp: int, has_begun: bool) -> tuple[bool, Array | None]:
         """Return whether what has come must wait for the true start, and that pose.

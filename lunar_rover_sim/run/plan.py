@@ -14,7 +14,6 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from lunar_rover_sim.autonomy.navigation.config import SLAM, TRUTH, WHEELS
 from lunar_rover_sim.autonomy.path_following.route import make_route
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError
@@ -265,10 +264,6 @@ def with_slam(scenario: Scenario, command: str, maps: Path | None = None,
     if maps is not None:
         if not is_graph:
             raise ConfigError(f'--orbital: is for --slam graph, and the program is {command}')
-        for name in ('mapping_node', 'navigator_node'):
-            if name in nodes and getattr(scenario, name).pose == SLAM:
-                raise ConfigError(f'{name}.pose: {SLAM!r} is not valid with --orbital, since a '
-                                  f'fix moves the poses; valid are {TRUTH}, {WHEELS}')
         # It takes time to import, which other runs need not wait for.
         from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
         OrbitalMap.load(maps)       # what is wrong with them is said before anything starts

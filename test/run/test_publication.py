@@ -6,7 +6,7 @@ import pytest
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError, WorldError
 from lunar_rover_sim.run.lockstep import StampGate, WrittenStamps
-from lunar_rover_sim.run.plan import resolve, with_navigator, with_slam
+from lunar_rover_sim.run.plan import resolve, with_slam
 from lunar_rover_sim.run.publication import (is_recorded, misspelt_exclusions, period_ns,
                                              silent_topics, unrecorded_cameras)
 from lunar_rover_sim.run.scenario import Scenario
@@ -110,9 +110,6 @@ def test_the_graph_is_given_a_map_from_orbit(tmp_path) -> None:
         with_slam(scenario, 'ls', tmp_path / 'map')
     with pytest.raises(WorldError, match='No such file'):
         with_slam(scenario, 'graph', tmp_path / 'none')
-    by_slam = with_navigator(Scenario.load('flat', {'navigator_node.pose': 'slam'}), [(1.0, 1.0)])
-    with pytest.raises(ConfigError, match="navigator_node.pose: 'slam' is not valid with --orb"):
-        with_slam(by_slam, 'graph', tmp_path / 'map')
     assert not with_slam(scenario, 'graph').slam_node.maps
 
 

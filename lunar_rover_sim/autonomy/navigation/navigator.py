@@ -44,7 +44,7 @@ _BUMP_AHEAD_M, _BUMP_RADIUS_M = 0.28, 0.10
 _SHADOW_BEYOND_M, _SHADOW_RADIUS_M = 0.3, 0.6   # of what it has looked at
 _LEAST_BACK_M = 0.05        # less is not worth backing off
 _TRAIL_M = 0.1              # from place to place of the trail, which is known ground
-_JUMP_M = 0.5               # a pose that jumps so far begins the trail anew
+_JUMP_M = 0.5               # a pose that jumps so far is elsewhere, as where a place is found
 _CLOSE_M = 0.4              # dark ground this near is looked at, however little of it there is
 _ALIGNED_RAD = math.radians(5.0)
 _TURN_FOR_S = 60.0          # to the final heading, at most
@@ -466,11 +466,22 @@ class Navigator:
     def _note_place(self, position: Array) -> None:
         """Take note of where it stands: that ground is known."""
         at = position[:2].copy()
-        if self._position is None or np.linalg.norm(at - self._position) > _JUMP_M:
+        moved = 0.0 if self._position is None else float(np.linalg.norm(at - self._position))
+        if moved > _JUMP_M:
+            self._begin_elsewhere(moved)
+        if self._position is None or moved > _JUMP_M:
             self._trail = [self._stood(at, max(self._config.plan.start_m, self._radius_m))]
         elif math.hypot(at[0] - self._trail[-1].x_m, at[1] - self._trail[-1].y_m) > _TRAIL_M:
             self._trail.append(self._stood(at, self._radius_m))
         self._position = at
+
+    def _begin_elsewhere(self, moved_m: float) -> None:
+        """Forget what was seen where the rover was believed to be, and plan to the same goals."""
+        self.notes.append(f'the pose has jumped by {moved_m:.1f} m: plans anew')
+        self.plan, self._overview, self._discs = None, None, []
+        self.far, self._is_far_known = None, False
+        self._news.clear()
+        self._restart()
 
     def _stood(self, at: Array, radius_m: float) -> Disc:
         return Disc(float(at[0]), float(at[1]), radius_m, Ground.STOOD)

@@ -32,8 +32,10 @@ def from_orbit(*holes, walls=()):
 class Drive:
     """A point that does what it is told, on ground with walls that are seen from near alone."""
 
-    def __init__(self, costs, goal, *walls, start=(-40.0, 0.0), **values):
+    def __init__(self, costs, goal, *walls, start=(-40.0, 0.0), off_m=(0.0, 0.0), **values):
         self.asked = 0
+        # Off by so much it believes to be, until its place is found after 15 m.
+        self.off_m = np.array(off_m)
         self.cost = np.zeros((round(2.0 * HALF_M / CELL),) * 2, np.int8)
         for x0, x1, y0, y1 in walls:
             r0, r1, c0, c1 = (round((v + HALF_M) / CELL) for v in (y0, y1, x0, x1))
@@ -56,9 +58,12 @@ class Drive:
             if k % 3 == 0:
                 column, row = (round((v + HALF_M) / CELL) - N // 2 for v in (x, y))
                 part = self.cost[row:row + N, column:column + N]
-                grid = Traversability(now, np.array([column, row]) * CELL - HALF_M, CELL, part)
-            command = navigator.update(now, now, (x, y, 0.0), wxyz_from_rpy(0.0, 0.0, self.yaw),
-                                       grid)
+                if self.off_m.any() and self.way_m > 15.0:
+                    self.off_m = np.zeros(2)
+                grid = Traversability(now, np.array([column, row]) * CELL - HALF_M + self.off_m,
+                                      CELL, part)
+            command = navigator.update(now, now, (*(np.array([x, y]) + self.off_m), 0.0),
+                                       wxyz_from_rpy(0.0, 0.0, self.yaw), grid)
             if navigator.far is not None:
                 if not self.far or self.far[-1] is not navigator.far.points_m:
                     self.far.append(navigator.far.points_m)
@@ -84,6 +89,17 @@ def test_a_far_goal_is_reached_along_a_plan_over_the_map_from_orbit():
     way = np.array(drive.way)
     assert way[np.abs(way[:, 0] + 25.0) < 5.0, 1].max() < -10.0
     assert drive.way_m < 1.1 * drive.navigator.far.length_m
+
+
+def test_a_place_that_is_found_on_the_way_makes_another_plan_to_the_same_goal():
+    """Its belief was 20 m off, so that the wall that is known from orbit seemed elsewhere."""
+    walls = [(-10.0, -5.0, -30.0, 15.0)]
+    drive = Drive(from_orbit(walls=walls), (20.0, 0.0), *walls, off_m=(12.0, -16.0))
+    end = drive.drive()
+    assert end.status is Status.ARRIVED, end
+    assert np.linalg.norm(drive.way[-1] - (20.0, 0.0)) < 0.3
+    assert [note for note in drive.notes if note.startswith('the pose has jumped by ')]
+    assert len(drive.far) == 2 and drive.way_m < 110.0
 
 
 def test_a_near_goal_is_driven_to_as_without_a_map():
