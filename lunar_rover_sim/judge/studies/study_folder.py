@@ -148,4 +148,4 @@ class StudyFolder(Generic[Case, Drive]):
 
 def _plain(value: Any) -> Any:
     """Return a record or an array as JSON has it."""
-    return dataclasses.asdict(value) if dataclasses.is_dataclass(value) else value.tolist()
+    return value.tolist() if hasattr(value, 'tolist') else dataclasses.asdict(value)
