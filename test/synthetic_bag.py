@@ -4,7 +4,8 @@ A rover drives an arc on a flat, textured plane while it rocks; everything is an
 IMU, odometry, images, depth and disparity agree.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 import dataclasses
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,9 @@ import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from scipy.spatial.transform import Rotation
+import yaml
 
+from lunar_rover_sim.bag.marker import METADATA_NAME
 from lunar_rover_sim.bag.metadata import contract_qos
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.bag.writer import BagWriter
@@ -326,6 +329,20 @@ def write(path: Path, items: list[Item], namespace: str = '', **options: Any) ->
             writer.write(f'{namespace}/{item.topic}', item.msgtype, serialise(item),
                          item.fallback_ns)
     return path
+
+
+def metadata(bag: Path) -> dict[str, Any]:
+    """Return what metadata.yaml says of a bag."""
+    document = yaml.safe_load((bag / METADATA_NAME).read_text())
+    return document['rosbag2_bagfile_information']    # type: ignore[no-any-return]
+
+
+@contextmanager
+def changed_metadata(bag: Path) -> Iterator[dict[str, Any]]:
+    """Give what metadata.yaml says of a bag, to be changed."""
+    told = metadata(bag)
+    yield told
+    (bag / METADATA_NAME).write_text(yaml.safe_dump({'rosbag2_bagfile_information': told}))
 
 
 def write_sqlite(path: Path, items: list[Item], namespace: str = '', **options: Any) -> Path:

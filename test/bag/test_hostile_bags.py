@@ -14,7 +14,6 @@ from mcap.writer import IndexType
 from mcap.writer import Writer as McapWriter
 import pytest
 import synthetic_bag as synthetic
-import yaml
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.reader import open_bag
@@ -65,10 +64,8 @@ def test_pipes_and_devices_are_not_read(bag, name, read):
 @pytest.mark.parametrize('name', ['name', 'type'])
 def test_names_of_the_metadata_are_text(written, tmp_path, name, value):
     bag = Path(shutil.copytree(written['sqlite3'], tmp_path / 'bag'))
-    document = yaml.safe_load((bag / marker.METADATA_NAME).read_text())
-    topics = document['rosbag2_bagfile_information']['topics_with_message_count']
-    topics[0]['topic_metadata'][name] = value
-    (bag / marker.METADATA_NAME).write_text(yaml.safe_dump(document))
+    with synthetic.changed_metadata(bag) as told:
+        told['topics_with_message_count'][0]['topic_metadata'][name] = value
     with pytest.raises(BagError):
         with open_bag(bag) as opened:
             opened.resolve('odom')
@@ -129,11 +126,9 @@ def test_yaml_that_is_nested_too_deeply_is_refused(written, tmp_path):
             writer.finish()
     with closing(sqlite3.connect(copy('sqlite3') / 'bag.db3')) as database, database:
         database.execute('UPDATE topics SET offered_qos_profiles = ?', ('[' * 100_000,))
-    path = copy('mcap') / marker.METADATA_NAME
-    document = yaml.safe_load(path.read_text())
-    topic = document['rosbag2_bagfile_information']['topics_with_message_count'][0]
-    topic['topic_metadata']['offered_qos_profiles'] = '[' * 100_000
-    path.write_text(yaml.safe_dump(document))
+    with synthetic.changed_metadata(copy('mcap')) as told:
+        topic = told['topics_with_message_count'][0]['topic_metadata']
+        topic['offered_qos_profiles'] = '[' * 100_000
     done = subprocess.run([sys.executable, '-c', _OPEN, *bags], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()

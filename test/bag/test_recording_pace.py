@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 import synthetic_bag as synthetic
-import yaml
 
-from lunar_rover_sim.bag import marker, totals
+from lunar_rover_sim.bag import totals
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.totals import recorded_factor, RecordingPace, simulated_end_ns
 from lunar_rover_sim.bag.writer import BagWriter
@@ -90,10 +89,8 @@ def test_metadata(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     {'real_time_factor': '-1'}, {'real_time_factor': 'nan'}])
 def test_metadata_of_others(bag: Path, custom: object,
                             capsys: pytest.CaptureFixture[str]) -> None:
-    file = bag / marker.METADATA_NAME
-    metadata = yaml.safe_load(file.read_text())
-    metadata['rosbag2_bagfile_information']['custom_data'] = custom
-    file.write_text(yaml.safe_dump(metadata))
+    with synthetic.changed_metadata(bag) as told:
+        told['custom_data'] = custom
     assert factor_of(bag) is None
     assert main(['bag', 'info', str(bag)]) == 0
     assert 'real-time' not in capsys.readouterr().out

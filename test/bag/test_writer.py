@@ -6,7 +6,6 @@ import types
 import pytest
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
 import synthetic_bag as synthetic
-import yaml
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.metadata import as_recorded, contract_qos, qos_of_text
@@ -121,10 +120,8 @@ def test_what_else_a_profile_says_is_recorded():
 
 def test_rosbags_describes_a_bag_as_it_would_its_own(tmp_path, items):
     """The metadata of a bag is that of rosbags' own writer but for the storage."""
-    ours, theirs = (yaml.safe_load((path / 'metadata.yaml').read_text())[
-        'rosbag2_bagfile_information'] for path in (
-            synthetic.write(tmp_path / 'bag', items), synthetic.write_sqlite(tmp_path / 'other',
-                                                                             items)))
+    ours = synthetic.metadata(synthetic.write(tmp_path / 'bag', items))
+    theirs = synthetic.metadata(synthetic.write_sqlite(tmp_path / 'other', items))
     assert ours.pop('storage_identifier') == 'mcap' and ours.pop('ros_distro') == 'jazzy'
     del theirs['storage_identifier'], theirs['ros_distro']
     del ours['custom_data'], theirs['custom_data']      # ours: how much was recorded
@@ -205,11 +202,9 @@ def test_files_that_are_compressed_as_a_whole_are_read(tmp_path, items, storage)
     path = synthetic.write_sqlite(tmp_path / 'bag', items, compression='zstd', storage=storage,
                                   mode=CompressionMode.FILE)
     assert [file.suffix for file in sorted(path.iterdir())] == ['.zstd', '.yaml']
-    metadata = path / 'metadata.yaml'
-    told = yaml.safe_load(metadata.read_text('utf-8'))
-    for entry in told['rosbag2_bagfile_information']['files']:
-        entry['path'] = entry['path'].removesuffix('.zstd')
-    metadata.write_text(yaml.safe_dump(told), 'utf-8')
+    with synthetic.changed_metadata(path) as told:
+        for entry in told['files']:
+            entry['path'] = entry['path'].removesuffix('.zstd')
     with open_bag(path) as bag:
         assert bag.message_count == len(items) == sum(1 for _ in bag.messages())
         assert bag.storage == ('mcap' if storage is StoragePlugin.MCAP else 'db3')

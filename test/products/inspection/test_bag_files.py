@@ -1,6 +1,5 @@
 """`bag check` compares what metadata.yaml says of each file with what the file holds."""
 
-from collections.abc import Callable
 from pathlib import Path
 import shutil
 from typing import Any
@@ -18,15 +17,6 @@ from lunar_rover_sim.products.inspection.check import check
 from lunar_rover_sim.products.inspection.report import Status
 
 SUFFIX = {'mcap': 'mcap', 'sqlite3': 'db3'}
-
-
-def edit(bag: Path, change: Callable[[dict[str, Any]], Any]) -> Path:
-    """Change metadata.yaml of a bag; return the bag."""
-    path = bag / marker.METADATA_NAME
-    document = yaml.safe_load(path.read_text())
-    change(document['rosbag2_bagfile_information'])
-    path.write_text(yaml.safe_dump(document))
-    return bag
 
 
 @pytest.fixture(scope='module')
@@ -57,8 +47,7 @@ def _join(folder: Path, bags: list[Path]) -> Path:
     joined.mkdir()
     told = []
     for bag in bags:
-        told.append(yaml.safe_load((bag / marker.METADATA_NAME).read_text())
-                    ['rosbag2_bagfile_information'])
+        told.append(synthetic.metadata(bag))
         shutil.move(bag / told[-1]['relative_file_paths'][0], joined)
     first, second = told
     start_ns = first['starting_time']['nanoseconds_since_epoch']
@@ -90,7 +79,8 @@ def test_a_wrong_number_of_the_only_file(whole: dict[str, Path], tmp_path: Path,
                                          storage: str) -> None:
     bag = Path(shutil.copytree(whole[storage], tmp_path / 'bag'))
     assert found(bag, 'readable')[0] is Status.PASS
-    edit(bag, lambda told: told['files'][0].update(message_count=7))
+    with synthetic.changed_metadata(bag) as told:
+        told['files'][0]['message_count'] = 7
     assert found(bag, 'readable') == (
         Status.FAIL, f'bag.{SUFFIX[storage]}: 7 messages by metadata.yaml, 20 are found')
 
@@ -105,26 +95,27 @@ def test_wrong_numbers_of_several_files(split: dict[str, Path], tmp_path: Path,
     for name in ('complete', 'readable', 'span'):
         assert found(bag, name)[0] is Status.PASS
 
-    def swap(told: dict[str, Any]) -> None:
+    with synthetic.changed_metadata(bag) as told:
         for entry, count in zip(told['files'], (8, 12)):
             entry['message_count'] = count
-
-    edit(bag, swap)
     assert found(bag, 'readable') == (
         Status.FAIL, f'bag_0.{SUFFIX[storage]}: 8 messages by metadata.yaml, 12 are found')
 
 
 def test_files_and_sums_that_do_not_fit(whole: dict[str, Path], tmp_path: Path) -> None:
     bag = Path(shutil.copytree(whole['mcap'], tmp_path / 'bag'))
-    edit(bag, lambda told: told.update(message_count=19))
+    with synthetic.changed_metadata(bag) as told:
+        told['message_count'] = 19
     assert found(bag, 'readable') == (
         Status.FAIL, 'message_count: 19 by metadata.yaml, 20 are found')
     for path in ('other.mcap', 3):
-        edit(bag, lambda told: told['files'][0].update(path=path))
+        with synthetic.changed_metadata(bag) as told:
+            told['files'][0]['path'] = path
         with pytest.raises(BagError, match='files'):
             open_bag(bag)
-    edit(bag, lambda told: told.pop('files'))   # as before version 5 of the metadata
-    edit(bag, lambda told: told.update(message_count=20))
+    with synthetic.changed_metadata(bag) as told:
+        del told['files']   # as before version 5 of the metadata
+        told['message_count'] = 20
     assert found(bag, 'readable')[0] is Status.PASS
 
 
@@ -136,7 +127,8 @@ def test_lists_of_files_that_are_none(whole: dict[str, Path], tmp_path: Path,
                                       files: object) -> None:
     """An error of one line names what is wrong in metadata.yaml."""
     bag = Path(shutil.copytree(whole['mcap'], tmp_path / 'bag'))
-    edit(bag, lambda told: told.update(files=files))
+    with synthetic.changed_metadata(bag) as told:
+        told['files'] = files
     with pytest.raises(BagError, match='files|message_count') as caught:
         check(bag)
     assert '\n' not in str(caught.value)
@@ -177,5 +169,7 @@ def test_times_that_the_messages_do_not_have(whole: dict[str, Path], tmp_path: P
                                              change: dict[str, Any], detail: str) -> None:
     bag = Path(shutil.copytree(whole[storage], tmp_path / 'bag'))
     assert found(bag, 'span')[0] is Status.PASS
-    status, found_detail = found(edit(bag, lambda told: told.update(change)), 'span')
+    with synthetic.changed_metadata(bag) as told:
+        told.update(change)
+    status, found_detail = found(bag, 'span')
     assert status is Status.FAIL and detail in found_detail

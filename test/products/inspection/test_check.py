@@ -10,7 +10,6 @@ import pytest
 import synthetic_bag as synthetic
 from synthetic_bag import Item
 from synthetic_ground import ground_items
-import yaml
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.writer import BagWriter
@@ -172,8 +171,7 @@ def test_commands_and_fixed_frames_that_were_taken_out_are_missed(tmp_path, good
     items = commanded(good)
     whole = synthetic.write(tmp_path / 'whole', items)
     assert check(whole).ok
-    counted = yaml.safe_load((whole / marker.METADATA_NAME).read_text())[
-        'rosbag2_bagfile_information']['custom_data']
+    counted = synthetic.metadata(whole)['custom_data']
     fewer = [i for i in items if not (i.topic == 'cmd_vel' and
                                       i.message.header.stamp.nanosec in (10**8, 350_000_000))]
     for name, taken, by_plan, by_count in (
@@ -184,10 +182,8 @@ def test_commands_and_fixed_frames_that_were_taken_out_are_missed(tmp_path, good
              ('readable', '/tf_static: 0 of 1 recorded messages'))):
         bag = synthetic.write(tmp_path / name, taken)
         assert [(f.check, f.detail) for f in check(bag).failed] == [by_plan]
-        path = bag / marker.METADATA_NAME
-        document = yaml.safe_load(path.read_text())
-        document['rosbag2_bagfile_information']['custom_data'] = counted
-        path.write_text(yaml.safe_dump(document))
+        with synthetic.changed_metadata(bag) as told:
+            told['custom_data'] = counted
         assert [(f.check, f.detail) for f in check(bag).failed] == [by_plan, by_count]
 
 
@@ -195,12 +191,10 @@ def test_messages_that_the_reader_does_not_find(good: list[Item], tmp_path: Path
     """metadata.yaml counts them, but lacks the QoS by which rosbags finds their topic."""
     bag = synthetic.write(tmp_path / 'bag', good)
     assert check(bag).ok
-    path = bag / marker.METADATA_NAME
-    metadata = yaml.safe_load(path.read_text())
-    for entry in metadata['rosbag2_bagfile_information']['topics_with_message_count']:
-        if entry['topic_metadata']['name'] == '/tf_static':
-            del entry['topic_metadata']['offered_qos_profiles']
-    path.write_text(yaml.safe_dump(metadata))
+    with synthetic.changed_metadata(bag) as told:
+        for entry in told['topics_with_message_count']:
+            if entry['topic_metadata']['name'] == '/tf_static':
+                del entry['topic_metadata']['offered_qos_profiles']
     assert [(f.check, f.detail) for f in check(bag).failed] == [
         ('latched', '/tf_static: 0 messages'),
         ('readable', '/tf_static: 0 of 1 messages are found')]
