@@ -333,8 +333,7 @@ def write(path: Path, items: list[Item], namespace: str = '', **options: Any) ->
 
 def metadata(bag: Path) -> dict[str, Any]:
     """Return what metadata.yaml says of a bag."""
-    document = yaml.safe_load((bag / METADATA_NAME).read_text())
-    return document['rosbag2_bagfile_information']    # type: ignore[no-any-return]
+    return yaml.safe_load((bag / METADATA_NAME).read_text())['rosbag2_bagfile_information']
 
 
 @contextmanager
