@@ -229,13 +229,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             return shell_complete(root(), {}, NAME, _COMPLETE, instruction)
         return execute(sys.argv[1:] if argv is None else argv)
     except LunarRoverSimError as error:
-        print(f'{NAME}: {error}', file=sys.stderr)
+        _complain(str(error))
         return 1
     except click.UsageError as error:
         where = error.ctx.command_path if error.ctx else NAME
         text = one_line(error.format_message())
-        print(f'{NAME}: {text}{"" if text[-1] in ".?" else "."} See {where} --help',
-              file=sys.stderr)
+        _complain(f'{text}{"" if text[-1] in ".?" else "."} See {where} --help')
         return error.exit_code
     except KeyboardInterrupt:
         return 130
@@ -247,8 +246,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         # A file or a resource of the machine, whichever part of a command needed it.
         import logging
         logging.getLogger('lunar_rover_sim.cli').info('where it was needed', exc_info=True)
-        print(f'{NAME}: {_in_words(error)}', file=sys.stderr)
+        _complain(_in_words(error))
         return 1
+
+
+def _complain(text: str) -> None:
+    """Print an error: folded to a terminal, on one line for programs and files."""
+    line = f'{NAME}: {text}'
+    if sys.stderr.isatty():
+        from lunar_rover_sim.cli.terminal import folded  # not for help, which is quick
+        line = folded(line, os.get_terminal_size(sys.stderr.fileno()).columns)
+    print(line, file=sys.stderr)
 
 
 def _in_words(error: OSError | MemoryError) -> str:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import click
 from click.shell_completion import CompletionItem
 
-from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.errors import ConfigError, did_you_mean
 from lunar_rover_sim.base.files.results import markdown_table
 from lunar_rover_sim.base.parameters import nearest
 from lunar_rover_sim.cli import options
@@ -75,7 +75,8 @@ def _part(sections: Sections, name: str) -> Sections:
     """Return one section, or the group or parameter of one that a dotted name names."""
     section, _, group = name.partition('.')
     if section not in sections:
-        raise ConfigError(f'section: {name!r} is not valid; {nearest(section, sections)}')
+        raise ConfigError(f'section: {name!r} is not valid; '
+                          + (did_you_mean(section, sections) or 'see lunar_rover_sim parameters'))
     rows = [row for row in sections[section]
             if not group or row.name == group or row.name.startswith(f'{group}.')]
     if not rows:

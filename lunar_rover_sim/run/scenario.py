@@ -17,8 +17,8 @@ from pathlib import Path
 import re
 from typing import Any, TYPE_CHECKING
 
-from lunar_rover_sim.base.errors import (brief, check_path, ConfigError, full_names, nearest,
-                                         offered, WorldError)
+from lunar_rover_sim.base.errors import (brief, check_path, ConfigError, did_you_mean, full_names,
+                                         nearest, offered, WorldError)
 from lunar_rover_sim.base.files.paths import find_file
 from lunar_rover_sim.base.files.yaml_text import parse_yaml, read_yaml, yaml_of
 from lunar_rover_sim.base.parameters import merge, nest, param, Parameters
@@ -326,8 +326,9 @@ def read_sections(path: Path) -> dict[str, Any]:
     for name, body in document.items():
         section = programs.get(name, name)
         if section not in _section_names():
+            near = did_you_mean(str(section), _section_names())
             raise ConfigError(f'{path}: no such section {brief(section)}; '
-                              f'{nearest(str(section), _section_names())}')
+                              + (near or 'see lunar_rover_sim parameters'))
         if section in sections:
             raise ConfigError(f'{path}: section {section} is given twice')
         if not isinstance(body, Mapping) or set(body) != {ROS_KEY}:
@@ -388,5 +389,5 @@ def _override(name: str, value: Any, where: str) -> dict[str, Any]:
         valid = [s for s in _section_names() if s != SHARED]
         valid += [] if dot else _shared_names()
         raise ConfigError(f'{where}: no such section {brief(section)}; '
-                          f'{nearest(section, valid)}')
+                          + (did_you_mean(section, valid) or 'see lunar_rover_sim parameters'))
     return {section: nest({parameter: value})}

@@ -1,12 +1,16 @@
 """The command line as a whole: help, words that no command takes, completion, progress."""
 
+import fcntl
 import json
 import os
 from pathlib import Path
+import pty
 import re
 import resource
+import struct
 import subprocess
 import sys
+import termios
 import time
 from typing import Any
 
@@ -31,8 +35,8 @@ BAD_INPUT = {
     'world sun 0 -89 --stpe 3': (2, "No such option '--stpe'"),
     'run flat': (2, "Missing option '-o' / '--output'"),
     # What is wrong is told beside what is missing.
-    'run dem': (1, 'world.path: not_set: no such file; valid is a GeoTIFF, or a folder with '
-                   "dem.npy and dem.yaml: --set world.path=FILE; also missing option '-o'"),
+    'run dem': (1, "GeoTIFF or a folder; also missing option '-o'"),
+    'run dem -o {new}': (1, 'world.path: not_set: no such file; --set world.path=FILE names'),
     'run flat --set sun.elevation=5': (1, 'did you mean render_node.sun.elevation_deg?; also '
                                           "missing option '-o'"),
     'run flat -o': (2, "'-o' requires an argument"),
@@ -62,6 +66,12 @@ BAD_INPUT = {
     'render flat -o {new} --chase-from 1,2,x': (2, "'1,2,x' is not a list of numbers"),
     'bag video x -o {new}.mp4 --tripod 1,nan,2': (2, 'valid is finite numbers'),
     'validate locomotion -o {new} --speeds 0.1 0': (1, '--speeds: 0 is not valid; valid is > 0'),
+    'parameters nonsense': (1, "'nonsense' is not valid; see lunar_rover_sim parameters"),
+    'run flat -o {new} --set shared.sed=3': (1, "'shared'; see lunar_rover_sim parameters"),
+    'run flat -o {new} --durationn 3': (2, "'--durationn'. Did you mean '--duration'? See"),
+    'run flat -o {new} --set sun.elevation_deg=5': (1, 'mean render_node.sun.elevation_deg?'),
+    'slam run x -o {new} --system orbslam': (2, 'did you mean orbslam3? See lunar_rover_sim slam'),
+    'world info no_world': (1, 'make one with `lunar_rover_sim world build`'),
     'parameters physics': (1, "section: 'physics' is not valid; did you mean physics_node"),
     'parameters render_node.sunn': (1, 'did you mean sun?'),
     'parameters --search xyzzy': (1, "no parameter has 'xyzzy'"),
@@ -77,6 +87,21 @@ def test_bad_input_is_one_line(line: str, tmp_path: Path,
     said = capsys.readouterr()
     assert said.err.startswith('lunar_rover_sim: ') and words in said.err
     assert said.err.count('\n') == 1 and not said.out and not list(tmp_path.iterdir())
+    assert len(said.err.replace(str(tmp_path / 'new'), 'new')) < 160    # two lines of a terminal
+
+
+def test_an_error_is_folded_to_a_terminal() -> None:
+    """Between words; the words are those of the one line elsewhere."""
+    words = [sys.executable, '-m', 'lunar_rover_sim.cli.main', 'run', 'nowhere', '-o', 'new']
+    plain = subprocess.run(words, capture_output=True, text=True).stderr
+    screen, behind = pty.openpty()
+    fcntl.ioctl(behind, termios.TIOCSWINSZ, struct.pack('4H', 24, 60, 0, 0))
+    subprocess.run(words, stderr=behind)
+    lines = os.read(screen, 4096).decode().splitlines()
+    assert max(map(len, lines)) <= 60 < len(plain) and plain.count('\n') == 1
+    assert ' '.join(' '.join(lines).split()) == plain.strip()
+    os.close(screen)
+    os.close(behind)
 
 
 @pytest.mark.parametrize('name', [*COMMANDS, *GROUPS, ''])
@@ -156,7 +181,7 @@ def test_parameters_are_found(columns: str, width: int, capsys: pytest.CaptureFi
     ('render.sun.elevation_deg', 'did you mean render_node.sun.elevation_deg or '),
     ('frame_rate_hz', 'did you mean render_node.frame_rate_hz?'),   # others follow it
     ('sed', 'did you mean seed or world.seed?'),
-    ('xyzzy.a', "no such section 'xyzzy'; valid are")])
+    ('xyzzy.a', "no such section 'xyzzy'; see lunar_rover_sim parameters")])
 def test_a_parameter_without_its_section_is_offered(text: str, offered: str, tmp_path: Path,
                                                     capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['render', 'flat', '-o', str(tmp_path / 'x'), '--set', f'{text}=5']) == 1
