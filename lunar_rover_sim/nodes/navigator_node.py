@@ -46,7 +46,7 @@ from lunar_rover_sim.run.node_state import NodeState, ON_THE_WAY, tell
 _KEPT_MAPS = 50
 _KEPT = ('_last_period', '_maps', '_status', '_plan', '_goals', '_far_points', '_place',
          '_driven_m', '_told_s', '_is_done')
-_WAY_STEP_M = 0.1       # a walking body sways: shorter moves are no way
+_WAY_STEP_M, _JUMP_M = 0.1, 0.5     # a walking body sways: shorter moves are no way
 
 
 class NavigatorNode(node_main.GraphNode):
@@ -304,9 +304,10 @@ class NavigatorNode(node_main.GraphNode):
         if not np.isfinite(T).all():
             return
         place = T[:2, 3]
-        if self._place is None or np.linalg.norm(place - self._place) > _WAY_STEP_M:
-            self._driven_m += (0.0 if self._place is None
-                               else float(np.linalg.norm(place - self._place)))
+        moved_m = math.inf if self._place is None else float(np.linalg.norm(place - self._place))
+        if moved_m > _WAY_STEP_M:
+            # A pose that has jumped has not been driven to.
+            self._driven_m += moved_m if moved_m < _JUMP_M else 0.0
             self._place = place
         if now_ns // NS_PER_S != self._told_s:
             self._told_s = now_ns // NS_PER_S
