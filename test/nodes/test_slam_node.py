@@ -32,8 +32,8 @@ from lunar_rover_sim.cli.main import execute  # noqa: E402
 from lunar_rover_sim.image.camera.config import CameraConfig  # noqa: E402
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate  # noqa: E402
 from lunar_rover_sim.judge.evaluation.trajectory_files import load  # noqa: E402
-from lunar_rover_sim.judge.slam.graph import from_bag  # noqa: E402
 from lunar_rover_sim.judge.slam.graph.measured import Stars  # noqa: E402
+from lunar_rover_sim.judge.slam.graph.odometry import GraphOdometry  # noqa: E402
 from lunar_rover_sim.products.inspection.check import check  # noqa: E402
 from lunar_rover_sim.products.sequences.sensors import described_sensors  # noqa: E402
 from lunar_rover_sim.rover.description import load_rover  # noqa: E402
@@ -323,7 +323,7 @@ def test_the_graph_says_live_what_it_says_of_a_bag(peer: Peer) -> None:
             peer.spin_until(lambda count=count: len(told) == count)
     suite = described_sensors(load_rover(None), CameraConfig(width=320, height=240), ImuConfig(),
                               20.0, 200, 1.62)
-    graph = from_bag.odometry_of(suite)
+    graph = GraphOdometry.of(suite)
     for message, step in zip(told, steps, strict=True):
         located = graph.add(*step.given)
         assert located is not None and header_ns(message) == step.stamp_ns
