@@ -85,7 +85,10 @@ def make_episode(task: EpisodeTask, dataset: str | Path,
             manifest = read_json(dataset / EPISODES / name / MANIFEST)
             return Outcome(name, '', time.monotonic() - start,
                            int(manifest['statistics']['frames']))
-        _keep_failure(name, attempt, dataset, error)
+        try:
+            _keep_failure(name, attempt, dataset, error)
+        except OSError as problem:
+            error += f'; its logs are not kept: {problem.strerror or problem}'
     except OSError as problem:
         error = f'{type(problem).__name__}: {problem}'
     except LunarRoverSimError as problem:

@@ -170,7 +170,8 @@ def _copy_output(process: subprocess.Popen[bytes], file: BinaryIO, tail: deque[s
     assert process.stdout is not None
     with process.stdout as output:
         while chunk := output.readline(_MOST_CHUNK):
-            file.write(chunk)
+            with suppress(OSError):     # a full disk: the program must not wait for a reader
+                file.write(chunk)
             line = chunk.decode('utf-8', 'replace').rstrip()
             if line:
                 tail.append(line)

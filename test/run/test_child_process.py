@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+import resource
 import signal
 import subprocess
 import sys
@@ -59,6 +60,18 @@ def test_log_echo_and_tail(tmp_path: Path) -> None:
 def test_how_it_ended(script: str, status: int, words: str, error: str, tmp_path: Path) -> None:
     ended = shell(script, tmp_path)
     assert (ended.status, ended.words, ended.error) == (status, words, error)
+
+
+def test_a_full_disk_takes_the_log_only(tmp_path: Path) -> None:
+    """The program goes on: nobody leaves it with a pipe that is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        ended = shell('yes | head -100000; echo last words', tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not ended.error and ended.tail[-1] == 'last words'
+    assert (tmp_path / 'log').stat().st_size == 1000
 
 
 def test_time_is_bounded(tmp_path: Path) -> None:
