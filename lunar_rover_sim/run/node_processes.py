@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 import dataclasses
 from pathlib import Path
@@ -211,12 +211,16 @@ class NodeProcesses:
     def _end(self, name: str, limit_s: float) -> Step:
         """Wait for the end of a node that was told to stop, or kill it; return what follows."""
         process, start_s = self._processes[name], time.monotonic()
-        if _has_ended(process, limit_s):
+        if _has_ended(process, limit_s, lambda: self._compiles(name)):
             return self._note(name, self._describe_end(name))
         process.kill()
         process.wait()
         return self._note(name, f'{name} did not stop within {time.monotonic() - start_s:.0f} s '
                           'and was killed')
+
+    def _compiles(self, name: str) -> bool:
+        self._told(name)
+        return name in self._states and self._states[name].compiles
 
     def kill(self) -> None:
         """Kill what is left."""
@@ -280,15 +284,18 @@ def brief_list(names: Sequence[str]) -> str:
     return ', '.join(names[:3]) + (f' and {more} more' if more > 0 else '')
 
 
-def _has_ended(process: psutil.Popen, limit_s: float) -> bool:
+def _has_ended(process: psutil.Popen, limit_s: float, compiles: Callable[[], bool]) -> bool:
     """Wait until a process has ended; return False if it does not in time.
 
     Args:
-        limit_s: Its time [s]; if that is _STOP_S or more, a process at work has _STOP_AT_WORK_S.
+        limit_s: Its time [s]; if that is _STOP_S or more, a process at work has _STOP_AT_WORK_S,
+            and one that compiles has all of it anew when it has compiled.
     """
     start_s, looks = time.monotonic(), Looks()
     while process.poll() is None:
         looks.add(is_at_work(process.pid))
+        if limit_s >= _STOP_S and compiles():
+            start_s = time.monotonic()
         waited_s = time.monotonic() - start_s
         patient = limit_s >= _STOP_S and not looks.idle
         if waited_s >= (_STOP_AT_WORK_S if patient else limit_s):

@@ -282,17 +282,22 @@ def test_who_cannot_leave_the_graph_has_done_its_work(
 @pytest.mark.parametrize('code,killed', [
     # Checksums of a large bag, for twice as long as an idle node is given.
     ('end = time.monotonic() + 2.0\nwhile time.monotonic() < end: pass', False),
+    # A first run whose renderer still compiles when it ends, for longer than one at work is given.
+    ('tell(NodeState(COMPILING))\nend = time.monotonic() + 4.0\n'
+     'while time.monotonic() < end: pass\ntell(NodeState(COMPILED))', False),
     ('time.sleep(60.0)', True)])
 def test_who_works_while_it_is_stopped_is_given_time(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, killed: bool) -> None:
     """A recorder that finishes a large bag is not killed; one that hangs is."""
     script = tmp_path / 'node.py'
     script.write_text('import signal, sys, time\n'
+                      'from lunar_rover_sim.run.node_state import *\n'
                       f'def stop(*_):\n {code.replace(chr(10), chr(10) + " ")}\n sys.exit(0)\n'
                       'signal.signal(signal.SIGINT, stop)\n'
                       'signal.pthread_sigmask(signal.SIG_SETMASK, ())\n'
                       'print("ready", flush=True)\nwhile True: time.sleep(0.1)\n')
     monkeypatch.setattr(node_processes, '_STOP_S', 1.0)
+    monkeypatch.setattr(node_processes, '_STOP_AT_WORK_S', 3.0)
     monkeypatch.setattr(node_processes, 'dies_with_parent', lambda _: [sys.executable, script])
     nodes = NodeProcesses([NodePlan('render_node', {})], tmp_path, 77)
     while 'ready' not in nodes.log('render_node').read_text():

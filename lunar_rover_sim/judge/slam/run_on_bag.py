@@ -208,8 +208,9 @@ def _judge(bag: Path, estimator: Estimator, folder: Path, truth: Trajectory, out
     atomic_write(folder / 'evaluation.json', json_text(judged.to_mapping()) + '\n')
     if plots:
         save_plots(judged, folder, bag)
-    np.savez(folder / 'path.npz', stamps_ns=judged.truth.stamps_ns,
-             truth_m=judged.truth.positions_m, estimate_m=judged.estimate.positions_m)
+    atomic_write(folder / 'path.npz', lambda file: np.savez(
+        file, stamps_ns=judged.truth.stamps_ns, truth_m=judged.truth.positions_m,
+        estimate_m=judged.estimate.positions_m))
     return dataclasses.replace(
         known, tracked_share=judged.tracked_share, ate_m=judged.ate_m.rmse, scale=judged.scale,
         ate_percent=100.0 * judged.ate_m.rmse / distance_m if distance_m else float('nan'),
