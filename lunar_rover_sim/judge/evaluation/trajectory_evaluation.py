@@ -295,7 +295,9 @@ CONFIDENCE = 0.95
 NOTHING = 'nothing'             # of the frame is chosen by the first pose
 FIX_M = 3.0                     # a position is known where its standard deviation is below this
 _FALSE = 0.999                  # a fix is false beyond this quantile of chi^2
-_EXACT_M, _EXACT_RAD = 1e-3, 1e-4       # standard deviations of what is a choice of the frame
+# Standard deviations of what is a choice of the frame. Where that is the frame of the base, the
+# tilt moves a camera beside it by some millimetres.
+_EXACT_M, _EXACT_RAD = 1e-2, 1e-4
 _LEAST_VARIANCE = 1e-14         # of a covariance that can be inverted; rounding is below it
 
 

@@ -72,6 +72,31 @@ def test_loops_lower_the_error_at_the_end_and_the_covariance_says_so(steps):
 
 
 @needs_gtsam
+def test_the_stars_tell_what_the_accelerometers_are_off(steps):
+    """A bias grows for 40 s, under stars; then the rover sees nothing, and gravity holds it."""
+    def change(k, step):
+        forces = step.aids.inertial.forces_mps2 + [0.0, 0.012 * min(k, 40), 0.0]
+        aids = dataclasses.replace(step.aids, sun=None)
+        aids = dataclasses.replace(aids, inertial=aids.inertial._replace(forces_mps2=forces))
+        if k < 40:
+            return dataclasses.replace(step, aids=aids)
+        return dataclasses.replace(step, left=None, right=None,
+                                   aids=dataclasses.replace(aids, stars=None))
+
+    tilts = {}
+    for walk in (0.0, 0.05):
+        graph = GraphOdometry(closed_way.CAMERA, closed_way.T_BASE_LEFT, synthetic.GRAVITY,
+                              accel_walk=walk)
+        answers = [graph.add(*change(k, step).given) for k, step in enumerate(steps)]
+        up = (answers[-1].T_map_left @ np.linalg.inv(closed_way.T_BASE_LEFT))[2, :3]
+        error = np.degrees(np.arccos(np.clip(up @ steps[-1].T_world_base[2, :3], -1.0, 1.0)))
+        tilts[walk] = error, np.degrees(np.sqrt(answers[-1].covariance[3:5, 3:5].trace()))
+    assert tilts[0.05][0] < 2.0 * tilts[0.05][1]
+    assert tilts[0.0][0] > 3.0 * tilts[0.0][1]
+    assert tilts[0.05][0] < 0.3 * tilts[0.0][0]
+
+
+@needs_gtsam
 def test_without_images_the_covariance_grows_and_loops_bring_it_back(steps):
     """20 s on wheels alone: no pose leaps, and the deviation covers the error."""
     gone = range(25, 45)

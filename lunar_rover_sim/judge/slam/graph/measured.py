@@ -18,6 +18,7 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, rpy_from_wxyz
 
 _MEMORY_NS = 30_000_000_000     # of inertial samples
+_FIRST_BIAS_MPS2 = 0.01         # standard deviation of the bias at the start
 
 
 class Wheels(NamedTuple):
@@ -67,6 +68,57 @@ class Aids:
     stars: Stars | None = None
 
 
+class Up(NamedTuple):
+    """Where a mean of the specific force says that up is.
+
+    Attributes:
+        force_mps2: (3,) mean, in the axes at the end.
+        turn: (3, 3) mean of R_end_sample: what a bias of the samples has become in it.
+        time_s: Over which it is a mean.
+    """
+
+    force_mps2: Array
+    turn: Array
+    time_s: float
+
+
+class AccelerometerBias:
+    """The bias of the accelerometers, learnt where something else tells the attitude.
+
+    A Kalman filter of a random walk. On the Moon a bias tilts what counts as up six times as much
+    as on Earth.
+
+    Attributes:
+        mps2: (3,) bias [m/s^2].
+        covariance: (3, 3) of it.
+    """
+
+    def __init__(self, walk: float) -> None:
+        """Begin with a walk [m/s^3/sqrt(Hz)]; without one there is no bias."""
+        self._walk, self._ns = walk, 0
+        first = _FIRST_BIAS_MPS2 if walk else 0.0
+        self.mps2, self.covariance = np.zeros(3), first**2 * np.eye(3)
+
+    def walk_to(self, stamp_ns: int) -> None:
+        """Take it that time has passed."""
+        if self._ns:
+            self.covariance += self._walk**2 * (stamp_ns - self._ns) * 1e-9 * np.eye(3)
+        self._ns = stamp_ns
+
+    def learn(self, up: Up, expected_mps2: Array, variance: float) -> None:
+        """Take what was measured where (3,) was to be expected, each with a variance."""
+        H = up.turn
+        S = H @ self.covariance @ H.T + variance * np.eye(3)
+        gain = np.linalg.solve(S, H @ self.covariance).T
+        self.mps2 = self.mps2 + gain @ (up.force_mps2 - expected_mps2 - H @ self.mps2)
+        self.covariance = self.covariance - gain @ H @ self.covariance
+
+    def without(self, up: Up) -> tuple[Array, float]:
+        """Return a specific force (3,) without the bias, and the variance of what is left."""
+        left = up.turn @ self.covariance @ up.turn.T
+        return up.force_mps2 - up.turn @ self.mps2, float(np.linalg.eigvalsh(left)[-1])
+
+
 class Turns:
     """Rotations between stamps, and which way is up, from the last inertial samples."""
 
@@ -98,21 +150,18 @@ class Turns:
             turn = turn * step
         return np.asarray(turn.as_matrix())
 
-    def up(self, start_ns: int, end_ns: int) -> tuple[Array, float] | None:
-        """Return the mean specific force (3,) [m/s^2] in the axes at the end, and its time [s].
-
-        None where the samples do not cover the time.
-        """
+    def up(self, start_ns: int, end_ns: int) -> Up | None:
+        """Return the mean specific force; None where the samples do not cover the time."""
         within = self._within(start_ns, end_ns)
         if within is None or end_ns <= start_ns:
             return None
         stamps, rates, forces = within
-        total, turn, later = np.zeros(3), Rotation.identity(), end_ns
+        total, turns, turn, later = np.zeros(3), np.zeros((3, 3)), Rotation.identity(), end_ns
         for ns, rate, force in zip(stamps[::-1], rates[::-1], forces[::-1]):
             # turn: R_end_sample
             turn = turn * Rotation.from_rotvec(-rate * (later - ns) * 1e-9)
-            total, later = total + turn.apply(force), ns
-        return total / len(stamps), (end_ns - start_ns) * 1e-9
+            total, turns, later = total + turn.apply(force), turns + turn.as_matrix(), ns
+        return Up(total / len(stamps), turns / len(stamps), (end_ns - start_ns) * 1e-9)
 
     def _within(self, start_ns: int, end_ns: int) -> tuple[NDArray[np.int64], Array, Array] | None:
         chosen = [sample for sample in self._samples if start_ns < sample[0] <= end_ns]

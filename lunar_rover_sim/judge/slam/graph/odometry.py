@@ -24,7 +24,8 @@ from lunar_rover_sim.base.frames import Array, inverse, se3
 from lunar_rover_sim.judge.evaluation.trajectory import Stamps, Trajectory, wxyz
 from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor
-from lunar_rover_sim.judge.slam.graph.measured import Aids, Stars, Sun, Turns, Wheels
+from lunar_rover_sim.judge.slam.graph.measured import (AccelerometerBias, Aids, Stars, Sun, Turns,
+                                                       Wheels)
 from lunar_rover_sim.judge.slam.graph.places import Keyframe, keyframe, Places
 from lunar_rover_sim.judge.slam.graph.pose_graph import (adjoint, composed, difference, fused,
                                                          gate, PoseGraph, rolled)
@@ -44,6 +45,8 @@ _GYRO_RAD, _GYRO_RADPS = 5e-4, 3e-4     # error of a turn by the gyroscope: for 
 # between their ends, and so much of tilt stays.
 _UP_NS = 8_000_000_000
 _SPEED_CHANGE_MPS, _TILT_RAD = 0.2, math.radians(0.3)
+_LEAST_UP_S = 1.0
+_ALIKE = 8.0                    # means in a row that an attitude remembers have one bias
 # Errors of a sun sensor stay for long: more than its standard deviation for each single factor.
 _SUN_RAD, _STARS_RAD = math.radians(0.4), math.radians(0.06)
 _EXACT = 1e-5                   # standard deviation of what is a choice of the frame [m], [rad]
@@ -113,6 +116,7 @@ class GraphOdometry:
         camera: Rectified pairs, without distortion.
         T_base_left: (4, 4) mount of the left camera.
         gravity_mps2: That the accelerometers feel.
+        accel_walk: Random walk of their bias [m/s^3/sqrt(Hz)].
         loops: Whether loops are looked for.
         anchor: Finds the place of the map on a site; poses are those in the site then.
 
@@ -121,7 +125,8 @@ class GraphOdometry:
     """
 
     def __init__(self, camera: Camera, T_base_left: Array, gravity_mps2: float,
-                 loops: bool = True, anchor: Anchor | None = None) -> None:
+                 loops: bool = True, anchor: Anchor | None = None,
+                 accel_walk: float = 0.0) -> None:
         if not camera.baseline_m > 0.0:
             raise SlamError('baseline: 0 is not valid; the graph needs a stereo pair')
         self._camera, self._T_base_left = camera, np.array(T_base_left)
@@ -129,7 +134,7 @@ class GraphOdometry:
         self._gravity_mps2, self._loops = gravity_mps2, loops
         self._graph, self._anchor = PoseGraph(), anchor
         self._places = Places()
-        self._turns = Turns()
+        self._turns, self._bias = Turns(), AccelerometerBias(accel_walk)
         self.counts = Counts()
         self._first_key = 0
         self._key = -1                          # of the last keyframe
@@ -140,7 +145,7 @@ class GraphOdometry:
         self._stars: Stars | None = None
         self._relative = np.eye(4)              # last frame in the last keyframe, base
         self._frame_ns = 0
-        self._up_ns = 0                         # of the last factor of gravity
+        self._up_ns = 0                         # of the last factor of gravity or the stars
         self._seen = False                      # whether images told the last keyframe
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))     # of the last keyframe
         self._told = self._pose, self._covariance       # the same, or in the site
@@ -155,7 +160,7 @@ class GraphOdometry:
            anchor: Anchor | None = None) -> GraphOdometry:
         """Return the graph for the sensors of a bag."""
         return cls(Camera.of(suite), suite.T_base_imu @ suite.T_imu_left, suite.gravity_mps2,
-                   loops, anchor)
+                   loops, anchor, suite.noise.accel_bias_random_walk)
 
     def __repr__(self) -> str:
         return f'GraphOdometry({self.counts})'
@@ -208,7 +213,8 @@ class GraphOdometry:
         begin_ns = stamp_ns if aids.inertial is None or not len(aids.inertial.stamps_ns) \
             else int(aids.inertial.stamps_ns[0]) - 1
         up = self._turns.up(begin_ns, stamp_ns)     # the rover stands
-        z = up[0] / np.linalg.norm(up[0]) if up is not None else np.array([0.0, 0.0, 1.0])
+        z = np.array([0.0, 0.0, 1.0]) if up is None else (
+            up.force_mps2 / np.linalg.norm(up.force_mps2))
         x = np.array([1.0, 0.0, 0.0]) - z[0] * z
         x /= np.linalg.norm(x)
         R = np.array([x, np.cross(z, x), z])        # R_map_base: rows are the map's axes in base
@@ -389,25 +395,19 @@ class GraphOdometry:
         return {key: self._in_site(key)
                 for key in range(self._first_key, self._key + 1)}
 
-    def _tilt_sigma_rad(self, time_s: float) -> float:
-        return math.hypot(_TILT_RAD, _SPEED_CHANGE_MPS / (self._gravity_mps2 * time_s))
-
     def _hold_attitude(self, key: int, stamp_ns: int, T: Array, P: Array) -> None:
-        up = None
-        if stamp_ns - self._up_ns >= _UP_NS:
-            up, self._up_ns = self._turns.up(self._up_ns, stamp_ns), stamp_ns
-        if up is not None and 0.5 < np.linalg.norm(up[0]) / self._gravity_mps2 < 2.0:
-            self._graph.direction(key, np.array([0.0, 0.0, 1.0]), up[0],
-                                  self._tilt_sigma_rad(up[1]))
         turn = P[:3, :3]
         stars = self._stars_at(stamp_ns)
+        self._bias.walk_to(stamp_ns)
         if stars is not None:
             R, covariance = stars
             error = Rotation.from_matrix(T[:3, :3].T @ R).as_rotvec()
             if error @ np.linalg.solve(turn + covariance, error) > gate(3):
                 self.counts.stars_refused += 1
+                stars = None
             else:
                 self._graph.attitude(key, R, covariance)
+        self._hold_up(key, stamp_ns, stars)
         seen = self._sun_at(stamp_ns)
         if seen is not None:
             error = np.cross(T[:3, :3].T @ seen[1], seen[0])
@@ -418,6 +418,25 @@ class GraphOdometry:
             else:
                 self._graph.direction(key, seen[1], seen[0], _SUN_RAD)
         self._sun = self._stars = None
+
+    def _hold_up(self, key: int, stamp_ns: int, stars: tuple[Array, Array] | None) -> None:
+        """Hold the attitude by gravity, or learn by the stars what the accelerometers are off."""
+        if stars is None and stamp_ns - self._up_ns < _UP_NS:
+            return
+        up = self._turns.up(max(self._up_ns, stamp_ns - _UP_NS), stamp_ns)
+        self._up_ns = stamp_ns
+        if up is None or up.time_s < _LEAST_UP_S or not (
+                0.5 < np.linalg.norm(up.force_mps2) / self._gravity_mps2 < 2.0):
+            return
+        change = (_SPEED_CHANGE_MPS / up.time_s)**2
+        if stars is not None:
+            R, covariance = stars
+            self._bias.learn(up, self._gravity_mps2 * R[2], change + self._gravity_mps2**2
+                             * float(np.linalg.eigvalsh(covariance)[-1]))
+            return
+        force, left = self._bias.without(up)
+        self._graph.direction(key, np.array([0.0, 0.0, 1.0]), force, math.sqrt(
+            _TILT_RAD**2 + (change + _ALIKE * left) / self._gravity_mps2**2))
 
     def _sun_at(self, stamp_ns: int) -> tuple[Array, Array] | None:
         """Return the direction to the sun in base axes at a stamp, and that in the map."""
