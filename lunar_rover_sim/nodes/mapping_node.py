@@ -107,9 +107,10 @@ class MappingNode(node_main.GraphNode):
             self._is_blind = True
         else:
             self._is_blind = False
-            if self._poses.has_jumped(stamp):
+            jumped = self._poses.has_jumped(stamp)
+            if jumped:
                 self._map.clear()
-            if self._take_in(stamp, msg, T) or self._poses.has_jumped(stamp):
+            if self._take_in(stamp, msg, T) or jumped:
                 self.get_logger().warning(f'the pose has jumped at {stamp / 1e9:.3f} s: the map '
                                           'is begun anew')
             self._newest = None if not self._map.has_seen else traversability(

@@ -19,6 +19,7 @@ from lunar_rover_sim.autonomy.navigation.config import SLAM, TraversabilityConfi
 from lunar_rover_sim.autonomy.navigation.global_plan import GroundCosts
 from lunar_rover_sim.autonomy.navigation.navigator import Navigator, NavigatorCommand, Status
 from lunar_rover_sim.autonomy.navigation.planner import Plan
+from lunar_rover_sim.autonomy.navigation.poses import JUMP_M
 from lunar_rover_sim.autonomy.navigation.traversability import Limits, Traversability
 from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
@@ -46,7 +47,7 @@ from lunar_rover_sim.run.node_state import NodeState, ON_THE_WAY, tell
 _KEPT_MAPS = 50
 _KEPT = ('_last_period', '_maps', '_status', '_plan', '_goals', '_far_points', '_place',
          '_driven_m', '_told_s', '_is_done')
-_WAY_STEP_M, _JUMP_M = 0.1, 0.5     # a walking body sways: shorter moves are no way
+_WAY_STEP_M = 0.1       # a walking body sways: shorter moves are no way
 
 
 class NavigatorNode(node_main.GraphNode):
@@ -307,7 +308,7 @@ class NavigatorNode(node_main.GraphNode):
         moved_m = math.inf if self._place is None else float(np.linalg.norm(place - self._place))
         if moved_m > _WAY_STEP_M:
             # A pose that has jumped has not been driven to.
-            self._driven_m += moved_m if moved_m < _JUMP_M else 0.0
+            self._driven_m += moved_m if moved_m < JUMP_M else 0.0
             self._place = place
         if now_ns // NS_PER_S != self._told_s:
             self._told_s = now_ns // NS_PER_S

@@ -15,7 +15,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu
 
 from lunar_rover_sim.autonomy.navigation.config import SLAM, TRUTH
-from lunar_rover_sim.autonomy.navigation.poses import AnchoredPoses, LevelledWheels
+from lunar_rover_sim.autonomy.navigation.poses import AnchoredPoses, JUMP_M, LevelledWheels
 from lunar_rover_sim.bag.messages import header_ns, xyz
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.base import frames, topics
@@ -30,7 +30,6 @@ from lunar_rover_sim.rover.mounts import imu_pose, optical_poses
 from lunar_rover_sim.run.shared_config import NodeConfig
 
 _KEPT_NS = 5_000_000_000    # poses older than this are forgotten
-_JUMP_M = 0.5               # from where wheels carried it: a pose in the site has jumped
 _TRACKING = STATES[TRACKING]
 
 
@@ -69,8 +68,9 @@ class PoseSource:
         self._told_ns = self._imu_ns = 0                    # of the newest pose told, and sample
         self._R_base_imu = imu_pose(rover)[:3, :3]
         self._levelled = LevelledWheels()
-        self._anchored = AnchoredPoses(optical_poses(rover)[0])
-        self._T_camera_base = frames.inverse(optical_poses(rover)[0])
+        T_base_camera = optical_poses(rover)[0]
+        self._anchored, self._T_camera_base = (AnchoredPoses(T_base_camera),
+                                               frames.inverse(T_base_camera))
         self._is_in_site, self._jumped_ns = False, -1
         self.answered_ns = 0
         self._rolls = False         # whether wheels have begun at the true start
@@ -237,7 +237,7 @@ class PoseSource:
         if self._poses:
             expected = self._carried(*self._poses[-1], stamp)
             if expected is None or float(np.linalg.norm(
-                    T_site_base[:3, 3] - expected[1][:3, 3])) > _JUMP_M:
+                    T_site_base[:3, 3] - expected[1][:3, 3])) > JUMP_M:
                 self._jumped_ns = stamp
         self._poses.append((stamp, T_site_base))
         _forget(self._poses, stamp)

@@ -356,8 +356,7 @@ class SlamNodeConfig(NodeConfig):
 STEREO, TRUE_DEPTH, LIDAR = 'stereo', 'true_depth', 'lidar'
 DEPTH_TOPICS = {STEREO: topics.DEPTH, TRUE_DEPTH: topics.TRUE_DEPTH, LIDAR: topics.LIDAR_DESKEWED}
 _POSE = ('truth: odom; wheels: wheel/odometry, with the angles of imu/data_raw; slam: '
-         'slam/pose, anchored at the start of the rover unless its frame is odom, as of a place '
-         'on a map from orbit')
+         'slam/pose from the true start, in odom as it is')
 
 
 @dataclasses.dataclass(frozen=True)

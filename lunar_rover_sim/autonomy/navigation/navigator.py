@@ -19,6 +19,7 @@ from lunar_rover_sim.autonomy.navigation.config import NavigatorConfig
 from lunar_rover_sim.autonomy.navigation.global_plan import GlobalPlan, GroundCosts
 from lunar_rover_sim.autonomy.navigation.overview import Overview
 from lunar_rover_sim.autonomy.navigation.planner import Disc, Ground, Plan, Planner
+from lunar_rover_sim.autonomy.navigation.poses import JUMP_M
 from lunar_rover_sim.autonomy.navigation.rearing import Rearing
 from lunar_rover_sim.autonomy.navigation.traversability import LETHAL, Traversability
 from lunar_rover_sim.autonomy.path_following.config import DriveConfig
@@ -44,7 +45,6 @@ _BUMP_AHEAD_M, _BUMP_RADIUS_M = 0.28, 0.10
 _SHADOW_BEYOND_M, _SHADOW_RADIUS_M = 0.3, 0.6   # of what it has looked at
 _LEAST_BACK_M = 0.05        # less is not worth backing off
 _TRAIL_M = 0.1              # from place to place of the trail, which is known ground
-_JUMP_M = 0.5               # a pose that jumps so far is elsewhere, as where a place is found
 _CLOSE_M = 0.4              # dark ground this near is looked at, however little of it there is
 _ALIGNED_RAD = math.radians(5.0)
 _TURN_FOR_S = 60.0          # to the final heading, at most
@@ -467,9 +467,9 @@ class Navigator:
         """Take note of where it stands: that ground is known."""
         at = position[:2].copy()
         moved = 0.0 if self._position is None else float(np.linalg.norm(at - self._position))
-        if moved > _JUMP_M:
+        if moved > JUMP_M:
             self._begin_elsewhere(moved)
-        if self._position is None or moved > _JUMP_M:
+        if self._position is None or moved > JUMP_M:
             self._trail = [self._stood(at, max(self._config.plan.start_m, self._radius_m))]
         elif math.hypot(at[0] - self._trail[-1].x_m, at[1] - self._trail[-1].y_m) > _TRAIL_M:
             self._trail.append(self._stood(at, self._radius_m))

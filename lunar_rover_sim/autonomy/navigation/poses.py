@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from lunar_rover_sim.base.frames import Array, inverse, matrix_from_wxyz, se3, wxyz_from_rpy
 
 _LEVEL_S = 4.0      # over which the accelerometer levels the gyroscope: several steps
+JUMP_M = 0.5        # a pose that moves by more at once is elsewhere, as where a place is found
 _NEAR_M, _NEAR_RAD = 0.5, 0.35      # from what the wheels say; farther away is another map
 
 
