@@ -356,7 +356,7 @@ class SlamNodeConfig(NodeConfig):
 STEREO, TRUE_DEPTH, LIDAR = 'stereo', 'true_depth', 'lidar'
 DEPTH_TOPICS = {STEREO: topics.DEPTH, TRUE_DEPTH: topics.TRUE_DEPTH, LIDAR: topics.LIDAR_DESKEWED}
 _POSE = ('truth: odom; wheels: wheel/odometry, with the angles of imu/data_raw; slam: '
-         'slam/pose from the true start, in odom as it is')
+         'slam/pose from the true start, in odom as is')
 
 
 @dataclasses.dataclass(frozen=True)
