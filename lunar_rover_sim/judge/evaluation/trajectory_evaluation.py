@@ -328,7 +328,8 @@ class Nees:
 
     Attributes:
         per_dof: Mean over the poses, per degree of freedom; NaN where no covariance is regular.
-        low, high: Interval of it for a consistent estimate, see `nees_interval`.
+        low: Lower end of its interval for a consistent estimate, see `nees_interval`.
+        high: Upper end of it.
         share_inside: Share of the poses within the interval of a single one.
         poses: Number of poses.
     """
