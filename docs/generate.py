@@ -10,9 +10,12 @@ Sphinx reads goes to docs/_generated at every build.
 from __future__ import annotations
 
 import ast
+from collections import Counter
+from collections.abc import Iterable
 from configparser import ConfigParser
 import importlib
 import inspect
+import itertools
 from pathlib import Path
 import re
 
@@ -21,7 +24,7 @@ import click
 
 import lunar_rover_sim
 from lunar_rover_sim.base import topics
-from lunar_rover_sim.base.parameters import Parameters
+from lunar_rover_sim.base.parameters import Parameters, ParamInfo
 from lunar_rover_sim.cli.main import COMMANDS, load
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig
@@ -33,6 +36,8 @@ from lunar_rover_sim.run.shared_config import NodeConfig
 SECTIONS: dict[str, type[Parameters]] = {
     SHARED: NodeConfig, 'run': RunConfig, 'world': WorldConfig, 'rover': RoverDescription,
     **NODE_CONFIGS, **COMPANION_CONFIGS, 'orbital': OrbitalConfig}
+
+SEVERAL = 3     # commands that have an option alike: it stands once, before them
 
 # What a program may need besides the names that the package exports.
 MODULES = {
@@ -94,33 +99,52 @@ def topic_table() -> str:
 
 
 def parameter_tables() -> str:
-    """Return one table of parameters per section of a scenario."""
+    """Return one table of parameters per section of a scenario.
+
+    What several sections, or several groups of one, have alike stands in one row.
+    """
     shared = {name for name, *_ in NodeConfig().flatten()}
-    parts = []
+    sections: dict[str, list[tuple[str, object, ParamInfo]]] = {}
     for section, cls in SECTIONS.items():
+        apart = () if section == SHARED or not issubclass(cls, NodeConfig) else shared
+        sections[section] = [(name, value, info) for name, value, info, _
+                             in cls().flatten(documented=True)
+                             if name not in apart and not _followed(section, name)]
+    nodes: dict[tuple[str, object, ParamInfo], list[str]] = {}
+    for section, rows in sections.items():
+        for row in rows:
+            nodes.setdefault(row, []).append(section)
+    common = {row: names for row, names in nodes.items() if len(names) > 1}
+    parts = []
+    for section, rows in sections.items():
         title = 'Shared by all nodes: `/**`' if section == SHARED else f'`{section}`'
-        parts += [f'## {title}', '', '| parameter | default | valid | meaning |',
-                  '|---|---|---|---|']
-        by_run: list[str] = []
-        follows = {name.removeprefix(f'{section}.'): other for name, other in FOLLOWS.items()
-                   if name.startswith(f'{section}.')}
-        for name, value, info, _ in cls().flatten(documented=True):
-            if name in follows or name.partition('.')[0] in follows:
-                continue
-            if info.by_run:
-                by_run.append(f'`{name}`')
-                continue
-            if name in shared and issubclass(cls, NodeConfig) and section != SHARED:
-                continue
-            live = ' (live)' if info.live else ''
-            parts.append(f'| `{name}` | `{plain(value)}` | {cell(info.valid())} | '
-                         f'{cell(info.doc)}{live} |')
-        parts += [f'| `{name}` | that of `{other}` | | a run takes it over |'
-                  for name, other in follows.items()]
-        if by_run:
+        parts += [f'## {title}', '', *_rows(row for row in rows if row not in common)]
+        if further := [f'`{name}`' for name, *row in rows if (name, *row) in common]:
+            parts += ['', f'Also, from the last table, {", ".join(further)}.']
+        if by_run := [f'`{name}`' for name, _, info in rows if info.by_run]:
             parts += ['', f'A run sets {", ".join(by_run)}.']
+        if taken := [f'`{name.partition(".")[2]}` (`{other}`)' for name, other in FOLLOWS.items()
+                     if name.startswith(f'{section}.')]:
+            parts += ['', f'A run takes over {", ".join(taken)}.']
         parts.append('')
-    return '\n'.join(parts)
+    return '\n'.join([*parts, '## Of several nodes', '', *_rows(common)])
+
+
+def _followed(section: str, name: str) -> bool:
+    """Return whether a parameter, or the group that it is in, is that of another node."""
+    return bool({f'{section}.{name}', f'{section}.{name.partition(".")[0]}'} & FOLLOWS.keys())
+
+
+def _rows(parameters: Iterable[tuple[str, object, ParamInfo]]) -> list[str]:
+    """Return a table of parameters; those of several groups that are alike are one row."""
+    names: dict[tuple[str, object, ParamInfo], list[str]] = {}
+    for name, value, info in parameters:
+        if not info.by_run:
+            names.setdefault((name.rpartition('.')[2], value, info), []).append(f'`{name}`')
+    return ['| parameter | default | valid | meaning |', '|---|---|---|---|',
+            *(f'| {", ".join(alike)} | `{plain(value)}` | {cell(info.valid())} | '
+              f'{cell(info.doc)}{" (live)" if info.live else ""} |'
+              for (_, value, info), alike in names.items())]
 
 
 def plain(value: object) -> str:
@@ -133,21 +157,34 @@ def plain(value: object) -> str:
 
 
 def command_pages() -> str:
-    """Return usage and arguments of every command."""
-    parts = []
-    for name in COMMANDS:
-        command = load(name)
-        context = click.Context(command, info_name=f'lunar_rover_sim {name}', show_default=True)
+    """Return usage and arguments of every command; those of several commands stand once."""
+    contexts = {name: click.Context(load(name), info_name=f'lunar_rover_sim {name}',
+                                    show_default=True) for name in COMMANDS}
+    records = {name: [record for param in context.command.params
+                      if (record := param.get_help_record(context))]
+               for name, context in contexts.items()}
+    counts = Counter(itertools.chain(*records.values()))
+    often = {words: (words, meaning) for (words, meaning), count in reversed(counts.most_common())
+             if count >= SEVERAL}
+    common = [record for record in counts if record in often.values()]
+    parts = ['## Of several commands', '', *_arguments(common), '']
+    for name, context in contexts.items():
+        command = context.command
         usage = ' '.join([context.command_path, *command.collect_usage_pieces(context)])
         parts += [f'## `{context.command_path}`', '', cell(' '.join((command.help or '').split())),
                   '', f'`{usage}`', '']
-        rows = [record for param in command.params if (record := param.get_help_record(context))]
-        if rows:
-            parts += ['| argument | meaning |', '|---|---|']
-            parts += [f'| {cell(f"`{words}`")} | {cell(" ".join(meaning.split()))} |'
-                      for words, meaning in rows]
-        parts.append('')
+        if rows := [record for record in records[name] if record not in common]:
+            parts += [*_arguments(rows), '']
+        if alike := [f'`{words}`' for words, meaning in records[name]
+                     if (words, meaning) in common]:
+            parts += [f'As above: {", ".join(alike)}.', '']
     return '\n'.join(parts)
+
+
+def _arguments(records: Iterable[tuple[str, str]]) -> list[str]:
+    return ['| argument | meaning |', '|---|---|',
+            *(f'| {cell(f"`{words}`")} | {cell(" ".join(meaning.split()))} |'
+              for words, meaning in records)]
 
 
 def python_table() -> str:

@@ -93,7 +93,7 @@ def test_scenario_takes_overrides_as_text_or_mapping() -> None:
 
 @pytest.mark.parametrize('name, arguments, options, message', [
     ('flatt', {}, [], 'flatt: no such scenario; did you mean flat?'),
-    ('flat', {'seed': -1}, ['--seed', '-1'], 'seed: -1 is not valid; valid is >= 0'),
+    ('flat', {'seed': -1}, ['--seed', '-1'], 'seed: -1 is not valid; valid is 0 to'),
     ('flat', {'duration_s': 0.0}, ['--duration', '0'],
      'run.duration_s: 0.0 is not valid; valid is > 0'),
     ('flat', {'overrides': ['render_node.camera.width=1']},

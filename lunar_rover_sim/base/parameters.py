@@ -100,12 +100,15 @@ class ParamInfo:
             parts.append(f'{self.length} elements')
         if self.choices:
             parts.append('one of ' + ', '.join(self.choices))
-        if self.low is not None:
-            parts.append(f'{">" if self.open_low else ">="} {self.low:g}')
-        if self.high is not None:
-            parts.append(f'{"<" if self.open_high else "<="} {self.high:g}')
+        low = f'{"> " if self.open_low else ""}{self.low:g}' if self.low is not None else ''
+        high = f'{"< " if self.open_high else ""}{self.high:g}' if self.high is not None else ''
+        if low and high:
+            parts.append(f'{low} to {high}')
+        elif low or high:
+            parts.append(low if self.open_low else high if self.open_high
+                         else f'>= {low}' if low else f'<= {high}')
         unit = f' [{self.unit}]' if self.unit else ''
-        return (' and '.join(parts) or 'any value of its type') + unit
+        return (', '.join(parts) or 'any') + unit
 
 
 def param(default: Any, doc: str, **info: Any) -> Any:

@@ -84,13 +84,12 @@ class PhysicsNodeConfig(SensorsConfig, NodeConfig, PhysicsConfig):
                                      'is before duration_s', by_run=True)
     checkpoint_period_s: float = param(
         0.0, 'period of checkpoints in lockstep, for `run --resume`; each begins a file of the '
-        'bag; rounded up to where all is due; 0: none', unit='s', low=0.0, high=1e6)
+        'bag; 0: none', unit='s', low=0.0, high=1e6)
     checkpoint_nodes: tuple[str, ...] = param((), 'nodes that write their states at checkpoints',
                                               by_run=True)
     start_paused: bool = param(False, 'wait for ~/pause or ~/step before time starts')
-    publish_tf: bool = param(True, 'publish odom to base_link and to base_footprint; false '
-                             'where an estimator does. The legs and sensors on base_link are '
-                             'published in any case')
+    publish_tf: bool = param(True, 'publish odom to base_link and base_footprint on tf; false '
+                             'where an estimator does; legs and sensors are on tf in any case')
     publish_clock: bool = param(True, 'publish /clock; false for all but one of several rovers '
                                 'in one graph')
 
@@ -148,8 +147,8 @@ class PolicyNodeConfig(NodeConfig):
     """Parameters of policy_node."""
 
     policy: str = param('', 'ONNX file of a policy, or the name of a packaged one')
-    ground: str = param('', 'ground that it walks on, rigid or a soil, of which the node says'
-                        ' whether the policy knows it; empty: in a run that of its ground')
+    ground: str = param('', 'ground under it, rigid or a soil; the node says whether the policy '
+                        'knows it; empty: in a run that of its ground')
     observation_timeout_s: float = param(
         0.5, 'wall time without an observation after which the legs stop, in time_mode real_time',
         unit='s', low=0.05, high=10.0)
@@ -163,7 +162,7 @@ class DriveNodeConfig(PacedConfig, NodeConfig, DriveConfig):
     rate_hz: int = param(20, 'rate of cmd_vel', unit='Hz', low=1, high=200)
     enable_stamped_cmd_vel: bool = param(
         True, 'publish cmd_vel as TwistStamped (true) or Twist (false); a Twist has no stamp, so '
-        'time cannot wait for it, and a run with it is not repeatable')
+        'time cannot wait for it')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,12 +204,12 @@ class RenderNodeConfig(PacedConfig, NodeConfig, RenderConfig):
     stereo: StereoTopicsConfig = group(StereoTopicsConfig)
     chase: ChaseConfig = group(ChaseConfig)
     hazard: Named[HazardConfig] = named(HazardConfig)
-    frame_rate_hz: float = param(20.0, 'stereo pairs per second; its period is a whole number of '
-                                 'state periods. A walking body pitches: at 10 Hz trackers lose '
-                                 'it; missions take 0.25 to 2 a second', unit='Hz', low=0.1,
+    frame_rate_hz: float = param(20.0, 'stereo pairs per second; a whole number of state '
+                                 'periods. Trackers lose a walking body at 10 Hz; missions take '
+                                 '0.25 to 2 a second', unit='Hz', low=0.1,
                                  high=200.0, live=True)
-    depth_every: int = param(2, 'matching (disparity, depth, points) and true depth are made of '
-                             'every n-th frame, for those who read them; 1: of every frame',
+    depth_every: int = param(2, 'disparity, depth, points and true depth are made of every n-th '
+                             'frame',
                              unit='frames', low=1, high=200, live=True)
     await_readers: tuple[str, ...] = param((), 'topics that must have subscribers before the '
                                            'first frame is drawn in lockstep',
@@ -294,15 +293,13 @@ class SlamNodeConfig(NodeConfig):
     system: str = param('command', 'command: the program of `command`; graph: the odometry with '
                         'a memory, which needs GTSAM and tells its covariance',
                         choices=('command', 'graph'))
-    command: str = param('', 'program that speaks the protocol of '
-                         'docs/reference/slam_protocol.md, and its arguments; {settings} is a '
-                         'settings file of ORB-SLAM3, {wheel} the packaged program for a Python '
-                         'that has the wheel of it')
+    command: str = param('', 'program of docs/reference/slam_protocol.md, and its arguments; '
+                         '{settings} is a settings file of ORB-SLAM3, {wheel} the packaged '
+                         'program for a Python with its wheel')
     sensor: str = param('stereo', 'what the program gets',
                         choices=('mono', 'stereo', 'stereo-inertial'))
-    maps: str = param('', 'with system graph: folder of maps from orbit, of `world export '
-                      '--orbital`, on which it finds its place: poses are those in the site then; '
-                      'empty: none')
+    maps: str = param('', 'with system graph: folder of `world export --orbital`, maps on which '
+                      'it finds its place in the site; empty: none')
     near_x_m: float = param(0.0, 'with maps: the start is near to this place', unit='m',
                             low=-1e5, high=1e5)
     near_y_m: float = param(0.0, 'the same, y', unit='m', low=-1e5, high=1e5)
@@ -379,19 +376,18 @@ class NavigatorNodeConfig(PacedConfig, NodeConfig, NavigatorConfig):
 
     pose: str = param(TRUTH, 'pose by which it drives. ' + _POSE, choices=POSES)
     rate_hz: int = param(20, 'rate of cmd_vel', unit='Hz', low=1, high=200)
-    map_lag_s: float = param(0.25, 'in lockstep a command is made from the map and, with slam, '
-                             'the pose of so long before: what a real rover computes meanwhile',
+    map_lag_s: float = param(0.25, 'in lockstep, age of the map and, with slam, of the pose that '
+                             'a command is made from: time to compute on a real rover',
                              unit='s', low=0.05, high=5.0)
     map_period_s: float = param(0.1, 'period of map/traversability, that of the depth', unit='s',
                                 low=0.005, high=10.0, by_run=True)
-    end_after_s: float = param(1.0, 'time after arrival, or after giving up, at which a run ends; '
-                               'negative: it goes on for its whole duration', unit='s', low=-1.0,
+    end_after_s: float = param(1.0, 'time from arrival, or giving up, to the end of the run; '
+                               'negative: it lasts its whole duration', unit='s', low=-1.0,
                                high=3600.0)
     end_step_s: float = param(1.0, 'that end is a multiple of this, at which images and scans are '
                               'due; a run sets it', unit='s', low=0.001, high=1000.0)
-    maps: str = param('', 'folder of maps from orbit, of `world export --orbital`, by which far '
-                      'goals are planned to; empty: those of the world, heights at 2 m, made at '
-                      'the start')
+    maps: str = param('', 'folder of `world export --orbital`, maps by which far goals are '
+                      'planned to; empty: made of the world at the start, heights at 2 m')
     radius_m: float = param(0.0, 'of the circle around the rover and its spokes; 0: by its '
                             'description', unit='m', low=0.0, high=10.0)
     sun: SunConfig = group(SunConfig)
@@ -428,8 +424,8 @@ class ViewNodeConfig(NodeConfig):
     port: int = param(VIEW_PORT, 'port of page and websocket, on this machine only', low=1024,
                       high=65535)
     allow_origin: tuple[str, ...] = param(
-        (), 'origins of pages elsewhere that may see and drive the rover too, with the token, '
-        'such as https://app.foxglove.dev')
+        (), 'origins of other pages, such as https://app.foxglove.dev, that may see and drive '
+        'the rover, with the token')
 
 
 NODE_CONFIGS: dict[str, type[NodeConfig]] = {

@@ -53,12 +53,12 @@ class RunConfig(Parameters):
                               low=0.0, open_low=True, high=MAX_DURATION_S)
     nodes: tuple[str, ...] = param(DEFAULT_NODES, 'nodes to start',
                                    choices=tuple(NODE_CONFIGS))
-    may_fail: tuple[str, ...] = param((), 'nodes without which a run goes on if they die, with a '
-                                      'warning that names them. Time does not wait for them: what '
-                                      'they publish may come late, and is not repeatable',
+    may_fail: tuple[str, ...] = param((), 'nodes without which a run goes on, with a warning, if '
+                                      'they die; time does not wait for them, so what they '
+                                      'publish is not repeatable',
                                       choices=('lidar_node',))
-    world_hash: str = param('', 'hash of the world; another world is refused. A recorded scenario '
-                            'names its own. Empty: any world')
+    world_hash: str = param('', 'hash of the world, another one is refused; empty: any. A '
+                            'recorded scenario has its own')
 
     def validate(self) -> None:
         """Raise ConfigError if a node is named twice or the hash is not one."""

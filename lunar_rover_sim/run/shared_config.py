@@ -19,21 +19,19 @@ class NodeConfig(Parameters):
 
     seed: int = param(1, 'seed of everything random', low=0, high=2**31 - 1)
     world: str = param('', 'folder of a world made by `lunar_rover_sim world build`')
-    rover: str = param('', 'rover: the name of a packaged one, quad or hexapod, or a YAML file; '
-                       'empty: quad')
+    rover: str = param('', 'packaged rover, quad or hexapod, or a YAML file; empty: quad')
     time_mode: str = param(REAL_TIME, 'lockstep waits for answers, real_time follows the wall '
                            'clock', choices=(LOCKSTEP, REAL_TIME))
     participants: tuple[str, ...] = param(
-        (), 'topics by whose publishers the participants of a run are recognised; a run names '
-        'all awaited ones; in lockstep no node sends before they are discovered and matched')
+        (), 'topics whose publishers a node in lockstep waits for before it sends; a run names '
+        'all that are awaited')
 
     checkpoints: str = param('', 'folder of the checkpoints of a run, into which nodes write '
                              'their states', by_run=True)
     resume_from: str = param('', 'checkpoint at which a run goes on', by_run=True)
     separate_truth: bool = param(
-        False, 'the true odometry is ground_truth/odom, in frames ground_truth/odom and '
-        'ground_truth/base_link, so that odom and its frames are free for an estimator; the '
-        'nodes of this package read the true one')
+        False, 'true odometry on ground_truth/odom, in frames ground_truth/odom and '
+        'ground_truth/base_link: odom and its frames are free for an estimator')
 
     @property
     def truth(self) -> topics.Topic:
@@ -56,9 +54,8 @@ class WaitConfig(Parameters):
     topics: tuple[str, ...] = param((), 'topics whose stamps are awaited, besides those of the '
                                     'nodes of a run')
     lags_s: tuple[float, ...] = param((), 'largest lag of each of these topics', unit='s', low=0.0)
-    silence_s: float = param(60.0, 'wall time after which a silent participant is an error, '
-                             'whatever it does; a run ends after 6.5 s where none of its nodes '
-                             'works', unit='s', low=0.1)
+    silence_s: float = param(60.0, 'wall time after which a silent participant is an error; 6.5 '
+                             's where no node of the run works', unit='s', low=0.1)
     start_s: float = param(60.0, 'wall time before the first answer after which a missing '
                            'participant is an error', unit='s', low=0.1)
 

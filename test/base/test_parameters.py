@@ -96,7 +96,7 @@ def test_errors_name_the_parameter(values: dict, named: str) -> None:
 def test_what_is_meant_and_what_is_valid_is_said() -> None:
     with pytest.raises(ConfigError, match='did you mean size_m'):
         Outer.from_mapping({'inner.sizem': 1})
-    with pytest.raises(ConfigError, match='valid is >= 0 and <= 10'):
+    with pytest.raises(ConfigError, match='valid is 0 to 10'):
         Outer(count=-1)
 
 

@@ -56,7 +56,7 @@ def test_other_programs_read_heights_photo_and_craters(moon: Path, tmp_path: Pat
     (['--set', 'orbital.extent_m=30000'], 'extent_m: 30000 is not valid; valid is <= '),
     (['--set', 'orbital.pixel_m=100', '--set', 'orbital.extent_m=120'],
      'pixel_m: 100 is not valid; valid is <= 15 [m], for 120 m of ground'),
-    (['--sun', '20', '0'], 'sun_elevation_deg: 0.0 is not valid; valid is >= 1'),
+    (['--sun', '20', '0'], 'sun_elevation_deg: 0.0 is not valid; valid is 1 to 90'),
 ])
 def test_what_is_not_valid_is_refused_in_one_line(
         moon: Path, tmp_path: Path, words: list[str], said: str,

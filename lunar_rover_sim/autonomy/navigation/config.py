@@ -26,8 +26,8 @@ class MapConfig(Parameters):
         0.3, 'error of a disparity: that of a depth is depth^2 / (focal length baseline) times '
         'it; 0: depth without noise', unit='px', low=0.0, high=10.0)
     grazing: float = param(
-        0.6, 'depth of a surface that falls away by more than this share of the line of sight '
-        'is not used; 1: all is used', low=0.05, high=1.0)
+        0.6, 'steeper surfaces, which fall away by more than this share of the line of sight, '
+        'are not used; 1: all are', low=0.05, high=1.0)
     hole_px: float = param(
         2.0, 'depth this near to a pixel without any is not used; of an image of 640 px, in '
         'proportion of others', unit='px', low=0.0, high=20.0)
@@ -72,9 +72,9 @@ class TraversabilityConfig(Parameters):
 
     gone = {'max_roughness_m': 0.0, 'window_m': 0.0}
 
-    max_step_m: float = param(0.0, 'height over the ground around it that the rover must not '
-                              'cross; 0: its belly clearance while it walks, or 0.6 of a spoke, '
-                              'whichever is less', unit='m', low=0.0, high=2.0)
+    max_step_m: float = param(0.0, 'greatest height over the ground around it that is crossed; '
+                              '0: the belly clearance of the walk, or 0.6 of a spoke, whichever '
+                              'is less', unit='m', low=0.0, high=2.0)
     max_slope_deg: float = param(16.0, 'slope that it must not cross', unit='deg', low=1.0,
                                  high=60.0)
     fill_cells: int = param(3, 'holes of a map up to twice as wide are filled from their '
@@ -115,14 +115,13 @@ class GlobalPlanConfig(Parameters):
     cell_m: float = param(5.0, 'cell of the plan', unit='m', low=1.0, high=50.0)
     max_slope_deg: float = param(20.0, 'slope over a cell that it does not cross', unit='deg',
                                  low=1.0, high=60.0)
-    from_m: float = param(20.0, 'a goal, or a way point after the one before, that is farther '
-                          'than this is planned to over the map from orbit', unit='m', low=1.0)
+    from_m: float = param(20.0, 'goals and legs of a route farther than this are planned over '
+                          'the map from orbit', unit='m', low=1.0)
     ahead_m: float = param(8.0, 'distance along the plan to the place that the local plan leads '
                            'to', unit='m', low=0.5, high=16.0)
     patience_s: float = param(90.0, 'time without getting nearer along the plan after which it is '
                               'made anew', unit='s', low=10.0, high=1e5)
-    plans: int = param(6, 'plans that are made anew within 10 m, where no way is found along the '
-                       'one before, until it gives up', low=0, high=100)
+    plans: int = param(6, 'new plans within 10 m after which it gives up', low=0, high=100)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,11 +152,11 @@ class NavigatorConfig(Parameters):
     better: float = param(0.85, 'a new plan replaces one that can still be driven if it costs '
                           'less than this share of it', low=0.0, high=1.0)
     look_s: float = param(1.5, 'time that it looks', unit='s', low=0.1, high=60.0)
-    stop_every_m: float = param(0.0, 'stop and look: way between stops at which it waits until '
-                                'the map has a frame that was taken at rest; 0: it looks as it '
-                                'walks', unit='m', low=0.0, high=100.0)
-    creep: bool = param(False, 'drive, slowly, over ground that stays unknown when it has been '
-                        'looked at, a shadow; false: only around it')
+    stop_every_m: float = param(0.0, 'way between stops to look, each until the map has a frame '
+                                'taken at rest; 0: it looks as it walks',
+                                unit='m', low=0.0, high=100.0)
+    creep: bool = param(False, 'drive slowly over ground that stays unknown after a look, such '
+                        'as a shadow; false: around it')
     creep_mps: float = param(0.05, 'forward speed there', unit='m/s', low=0.0, open_low=True,
                              high=2.0)
     tilt_limit_deg: float = param(28.0, 'tilt at which it backs off', unit='deg', low=5.0,
@@ -169,8 +168,8 @@ class NavigatorConfig(Parameters):
                             'gives up', low=0, high=100)
     patience_s: float = param(240.0, 'time without getting nearer after which it gives up',
                               unit='s', low=10.0, high=1e5)
-    lost_s: float = param(10.0, 'time without a pose, or, when it has looked around, without '
-                          'depth, after which it gives up; it stands still meanwhile', unit='s',
+    lost_s: float = param(10.0, 'time without a pose, or without depth after a look around, at '
+                          'which it gives up; it stands still meanwhile', unit='s',
                           low=0.1, high=600.0)
     pose_age_s: float = param(0.5, 'age at which a pose counts as missing', unit='s', low=0.05,
                               high=10.0)

@@ -58,9 +58,9 @@ class GroundConfig(Parameters):
                                     ' yield', 'N s/m')
     weak_slopes: bool = param(True, 'slopes bear less than level ground, by (1 - tan slope)^2'
                               ' (Vesic 1975)')
-    variation: float = param(0.0, 'how much looser the soil is on rims and ejecta of fresh craters'
-                             ' and on slopes: 0 the same everywhere, 1 highland there becomes'
-                             ' highland_loose', low=0.0, high=2.0)
+    variation: float = param(0.0, 'how much looser soil is on slopes, and on rims and ejecta of '
+                             'fresh craters: 0 not at all, 1 highland becomes highland_loose',
+                             low=0.0, high=2.0)
 
     def validate(self) -> None:
         """Raise ConfigError if a value is neither physical nor -1."""

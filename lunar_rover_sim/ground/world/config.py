@@ -23,8 +23,8 @@ class DemConfig(Parameters):
     """The window of an elevation model, and how the file is read."""
 
     center_mode: str = param(
-        'offset', 'meaning of `center`: metres east and north of the middle of the file, '
-        'coordinates of its CRS, longitude and latitude in degrees, or column and row in pixels',
+        'offset', 'meaning of `center`: metres east and north of the middle of the file; '
+        'coordinates of its CRS; longitude and latitude [deg]; column and row [px]',
         choices=('offset', 'crs', 'lonlat', 'pixel'))
     center: tuple[float, ...] = param(
         (0.0, 0.0), 'centre of the world in the file, as `center_mode` says', length=2)
@@ -53,8 +53,8 @@ class MeshConfig(Parameters):
         (0.0, 0.0), 'centre of the world: metres east and north of the middle of the mesh',
         unit='m', length=2)
     resolution_m: float = param(
-        0.0, 'spacing at which the mesh is sampled; relief and craters are added below it; 0: '
-        'the cell of the world, and nothing is added', unit='m', low=0.0)
+        0.0, 'spacing of samples of the mesh; relief and craters are added below it; 0: the cell '
+        'of the world, nothing is added', unit='m', low=0.0)
     holes: str = param('refuse', 'refuse or fill parts of the ground without mesh',
                        choices=('refuse', 'fill'))
 
@@ -151,8 +151,8 @@ class RockConfig(Parameters):
     max_per_m2: float = param(8.0, 'greatest number of rocks per m2 of the plain; beyond it the '
                               'smallest are left out', unit='1/m2', low=0.0, high=100.0)
     size_classes: int = param(28, 'number of logarithmic classes of size', low=1, high=64)
-    angular: float = param(0.55, 'share of fresh, angular blocks, the others are old and rounded; '
-                           'a `site` has its own', low=0.0, high=1.0)
+    angular: float = param(0.55, 'share of fresh, angular blocks; others are rounded; a `site` '
+                           'has its own', low=0.0, high=1.0)
     burial: float = param(0.3, 'mean fraction of the height that is below ground', low=0.02,
                           high=0.9)
     near_craters: float = param(4.0, 'density around the rim of a fresh crater, relative to that '

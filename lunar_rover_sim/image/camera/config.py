@@ -138,8 +138,8 @@ class SensorConfig(Parameters):
     f_number: float = param(4.0, 'aperture', low=0.5, high=64.0)
     pixel_pitch_m: float = param(6.9e-6, 'side of a pixel', unit='m', low=0.5e-6, high=1e-4)
     electrons_per_joule: float = param(
-        6.5e17, 'without colour filters: photo-electrons per joule of whole sunlight on the pixel '
-        '(quantum efficiency folded with the solar spectrum)', unit='1/J', low=1e14, high=1e19)
+        6.5e17, 'photo-electrons per joule of whole sunlight on a pixel without colour filter: '
+        'quantum efficiency over the solar spectrum', unit='1/J', low=1e14, high=1e19)
     red_response: tuple[float, ...] = param(
         RED, 'quantum efficiency of red pixels behind their filter at 400, 420, ... 700 nm; '
         'defaults follow a Sony IMX219', low=0.0, high=1.0, length=len(WAVELENGTHS_NM))

@@ -103,8 +103,8 @@ class HazardConfig(FurtherCameraConfig):
         (0.17, 0.0, 0.02), 'of the lens in base_link; of a pair, of the middle between both',
         unit='m', low=-10.0, high=10.0, length=3)
     orientation_rpy_deg: tuple[float, ...] = param(
-        (0.0, 20.0, 0.0), 'roll, pitch, yaw about fixed axes of base_link; all zero: it looks '
-        'ahead; positive pitch looks down, yaw 180 looks back', unit='deg', low=-360.0, high=360.0,
+        (0.0, 20.0, 0.0), 'roll, pitch, yaw about fixed axes of base_link; 0: it looks ahead; '
+        'pitch > 0 looks down, yaw 180 back', unit='deg', low=-360.0, high=360.0,
         length=3)
     stereo_baseline_m: float = param(
         0.0, 'distance between two such cameras, left and right; 0: one camera', unit='m', low=0.0,

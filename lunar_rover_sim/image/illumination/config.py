@@ -47,9 +47,8 @@ class SunConfig(Parameters):
                                         low=0.01, high=5.0)
     irradiance: float = param(1361.0, 'normal irradiance; 0 switches the sun off',
                               unit='W/m^2', low=0.0, high=1e5)
-    date: str = param('', 'UTC in ISO 8601, for example 2026-11-22T06:00:00Z; azimuth and '
-                      'elevation then follow from it and from `site`. Empty: they are as they '
-                      'stand')
+    date: str = param('', 'UTC in ISO 8601, such as 2026-11-22T06:00:00Z: azimuth and elevation '
+                      'follow from it and from `site`; empty: they are as given')
     site: SunSiteConfig = group(SunSiteConfig)
     rate: float = param(1.0, 'seconds that the sky of a date goes on per second of the run; 0: '
                         'sun and Earth stand still', low=0.0, high=1e5)
@@ -96,8 +95,8 @@ class ReflectanceConfig(Parameters):
     colour_spread: float = param(0.012, 'RMS variation of red over green, and of blue the other '
                                  'way round, in patches of 5 to 23 m: titanium, iron', low=0.0,
                                  high=0.3)
-    colour_of_fresh: float = param(0.15, 'so much less red, and more blue, is ground whose albedo '
-                                   'is higher, as powers of it: fresh soil is not yet reddened',
+    colour_of_fresh: float = param(0.15, 'how much less red, and more blue, brighter ground is, '
+                                   'as powers of its albedo: fresh soil',
                                    low=0.0, high=2.0)
 
 

@@ -25,13 +25,13 @@ class LidarConfig(Parameters):
     noise: bool = param(True, 'noise of ranges and intensities, and lost returns; false: the true '
                         'range of all that is within reach')
     laser_albedo: float = param(
-        1.3, "factor on single-scattering albedos for the laser's wavelength: the Moon is redder "
-        'than at 643 nm, for which the sets of reflectance hold', low=0.1, high=3.0)
+        1.3, "factor on single-scattering albedos at the laser's wavelength, where the Moon is "
+        'brighter than at 643 nm', low=0.1, high=3.0)
     reflectance: ReflectanceConfig = group(ReflectanceConfig)
     horizontal_beam: int = param(-1, 'beam of the LaserScan, 0 the lowest; -1: the one nearest '
                                  'to the horizontal of the sensor', low=-1, high=4095)
-    own_body: str = param(DROP, 'beams that meet the rover itself, legs too: drop: they return '
-                          'nothing, as drivers mask them; end: they return what they meet',
+    own_body: str = param(DROP, 'beams that meet the rover: drop: no return, as drivers mask '
+                          'them; end: they return what they meet',
                           choices=(DROP, END))
     organized: bool = param(False, 'clouds have all beams as rows, with NaN where nothing '
                             'returns; false: only what returns')

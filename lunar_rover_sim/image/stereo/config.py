@@ -22,8 +22,8 @@ class SgmConfig(Parameters):
     half_resolution: bool = param(True, 'match images of half the size, in 0.6 of the time; '
                                   '`refinement` finds the fractions of a pixel in the full ones')
     unexplained_percent: int = param(
-        25, 'difference of the detail around a pixel and around its match, over the sum of both, '
-        'at most; 100 allows all', unit='%', low=0, high=100)
+        25, 'greatest difference of the detail around a pixel and its match, over the sum of '
+        'both; 100 allows all', unit='%', low=0, high=100)
     min_disparity: int = param(0, 'disparity of the farthest point looked for', unit='px',
                                low=-512, high=1024)
     num_disparities: int = param(128, 'search range; 128 reaches ground 0.36 m away with the '
@@ -44,8 +44,8 @@ class SgmConfig(Parameters):
     dark_level: int = param(20, 'rows above the first with a brighter pixel are sky and not '
                             'matched; 0 matches all rows', unit='of 255', low=0, high=255)
 
-    find_sky: bool = param(True, 'give no disparity to the sky, the sun and its ghosts in it: '
-                           'what is even up to the upper edge of the image')
+    find_sky: bool = param(True, 'no disparity for the sky, the sun and its ghosts: what is even '
+                           'up to the upper edge of the image')
 
     def validate(self) -> None:
         """Check what OpenCV demands."""

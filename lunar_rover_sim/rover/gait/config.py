@@ -74,8 +74,8 @@ class GaitConfig(Parameters):
                                       ' angle waits for it', unit='deg', low=0.0, high=90.0,
                                       open_low=True, live=True)
     max_flight_lead_radps: float = param(
-        0.7, 'a leg in flight is driven at most this much faster than it turns: one that strikes '
-        'a rock does not throw the body',
+        0.7, 'a leg in flight is driven at most this much faster than it turns, so that one that '
+        'strikes a rock does not throw the body',
         unit='rad/s', low=0.0, high=200.0, open_low=True, live=True)
     max_phase_rate_hz: float = param(2.2, 'greatest phase rate', unit='Hz', low=0.0, high=10.0,
                                      open_low=True, live=True)
@@ -91,9 +91,8 @@ class GaitConfig(Parameters):
                                 unit='s', low=0.0, high=10.0, open_low=True, live=True)
     cmd_timeout_s: float = param(0.5, 'a velocity command older than this stops the rover',
                                  unit='s', low=0.0, open_low=True, live=True)
-    calibration: str = param('', 'measured map from velocity to gait: a file, or packaged for a'
-                             ' ground, rigid or highland; empty: in a run that of its ground,'
-                             ' else rigid')
+    calibration: str = param('', 'map from velocity to gait: a file, or packaged rigid or '
+                             'highland; empty: in a run that of its ground, else rigid')
 
     def validate(self) -> None:
         """Raise ConfigError where duty, foot width, smoothing or offsets are not compatible."""

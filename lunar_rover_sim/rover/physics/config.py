@@ -25,8 +25,8 @@ class ContactConfig(Parameters):
     gone = {'torsional_friction_m': 0.004, 'rolling_friction_m': 0.0005}
 
     sliding_friction: float = param(
-        0.8, 'tangent of the friction angle, 0.6 (30 deg) to 1.2 (50 deg) for lunar soil; feet on'
-        ' ground.model regolith have ground.friction instead', low=0.0, high=3.0, open_low=True)
+        0.8, 'tangent of the friction angle, 0.6 to 1.2 for lunar soil; not for feet on '
+        'ground.model regolith', low=0.0, high=3.0, open_low=True)
     stiffness_npm: float = param(2000.0, 'normal force per penetration of one contact point',
                                  unit='N/m', low=1e-3, high=1e9)
     damping_nspm: float = param(60.0, 'normal force per penetration rate of one contact point',

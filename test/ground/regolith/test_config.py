@@ -74,7 +74,7 @@ def test_cohesion_bears_by_the_bearing_capacity_of_prandtl():
     ({'preset': 'mud'}, "preset: 'mud' is not valid; valid are highland, "),
     ({'bearing_mnpm3': 0.0}, 'bearing_mnpm3: 0 is not valid; valid is 0.02 to 50, or -1'),
     ({'compacted': 1.5}, 'compacted: 1.5 is not valid'),
-    ({'variation': 2.1}, 'variation: 2.1 is not valid; valid is >= 0 and <= 2')])
+    ({'variation': 2.1}, 'variation: 2.1 is not valid; valid is 0 to 2')])
 def test_soils_that_do_not_exist_are_refused(values, message):
     with pytest.raises(ConfigError, match=message):
         GroundConfig.from_mapping(values)

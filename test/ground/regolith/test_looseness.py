@@ -127,5 +127,5 @@ def test_a_rover_stands_deeper_on_a_rim_than_on_the_plain():
 
 
 def test_a_variation_without_meaning_is_refused():
-    with pytest.raises(ConfigError, match='variation: -1.0 is not valid; valid is >= 0'):
+    with pytest.raises(ConfigError, match='variation: -1.0 is not valid; valid is 0 to 2'):
         GroundConfig(variation=-1.0)

@@ -142,5 +142,5 @@ def test_samples(renderer: Renderer) -> None:
     """They are a least number: a finer renderer keeps its own. What cannot be is refused."""
     assert [DetailConfig(supersampling=3).with_samples(n).supersampling for n in (1, 2, 4)] == [
         3, 3, 4]
-    with pytest.raises(ConfigError, match='supersampling: 0 is not valid; valid is >= 1 and <= 4'):
+    with pytest.raises(ConfigError, match='supersampling: 0 is not valid; valid is 1 to 4'):
         renderer.add_camera(CHASE, ChaseMount(CHASE, 50.0, renderer.world), samples=0)
