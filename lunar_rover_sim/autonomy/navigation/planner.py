@@ -91,6 +91,8 @@ class Planner:
         self.room_m = room = radius_m + config.margin_m
         self.unknown = grid.cost == UNKNOWN
         self.lethal = grid.cost >= LETHAL
+        # Where it has stood grows with the way: most of it lies beyond the map.
+        discs = tuple(disc for disc in discs if self._reaches(disc))
         for disc in discs:
             if disc.ground is Ground.STOOD:
                 self.unknown[self._within((disc.x_m, disc.y_m), disc.radius_m)] = False
@@ -263,6 +265,13 @@ class Planner:
     def _centre(self, rows: NDArray, columns: NDArray) -> tuple[Array, Array]:
         cell, origin = self._grid.cell_m, self._grid.origin_m
         return origin[0] + (columns + 0.5) * cell, origin[1] + (rows + 0.5) * cell
+
+    def _reaches(self, disc: Disc) -> bool:
+        """Return whether a disc may reach the map."""
+        half = 0.5 * len(self._grid.cost) * self._grid.cell_m
+        reach = half + disc.radius_m
+        x, y = self._grid.origin_m
+        return abs(disc.x_m - x - half) <= reach and abs(disc.y_m - y - half) <= reach
 
     def _within(self, xy_m: ArrayLike, radius_m: float) -> tuple[NDArray, NDArray]:
         """Return rows and columns of the cells whose centres lie in a circle."""

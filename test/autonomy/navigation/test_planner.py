@@ -96,6 +96,17 @@ def test_discs_are_obstacles_or_cost_and_a_rover_that_stands_in_one_leaves_it():
     assert inside.plan((2.0, 0.0)).reaches_goal
 
 
+def test_a_disc_from_beyond_the_map_closes_what_of_it_lies_on_the_map():
+    def lethal(*places):
+        discs = tuple(Disc(x, y, 0.5, Ground.BUMP) for x, y in places)
+        return Planner(grid(), PLAIN, HALF_M, (0.0, 0.0), discs).lethal
+
+    rows, columns = np.nonzero(lethal((3.5, 0.0)))
+    x, y = -3.175 + 0.05 * columns, -3.175 + 0.05 * rows
+    assert len(x) and np.hypot(x - 3.5, y).max() <= 0.5
+    assert not lethal((3.8, 0.0), (0.0, -3.8), (300.0, 0.0)).any()
+
+
 def test_the_cost_of_a_plan_is_that_of_its_ground_and_of_the_rest_beyond_the_map():
     plan = Planner(grid(), PlanConfig(), HALF_M, (-2.0, 0.0)).plan((2.0, 0.0))
     assert plan.cost == pytest.approx(4.0, rel=0.01)
