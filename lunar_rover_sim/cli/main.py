@@ -31,7 +31,7 @@ GROUPS = {'bag': 'look into, check, hash, recover and export recordings',
           'dataset': 'look at, verify and describe a data set that `campaign` made',
           'evaluate': 'judge an estimated trajectory, a drive or its maps, or compare images',
           'rover': 'export the rover as an OpenUSD stage or URDF',
-          'slam': 'what SLAM programs need: settings files, vocabularies; running them on bags',
+          'slam': 'run SLAM programs on bags; their settings files, sealed benchmarks, tables',
           'validate': 'compare a part of the simulator with theory or published results',
           'world': 'build, inspect, picture and export terrains; sun and Earth over them'}
 # What the name of a group means without one of its members.
@@ -46,8 +46,8 @@ COMMANDS = {
     'bag preview': Entry('bag:preview', 'PNG pictures: cameras, their truth, LiDAR, heading, '
                          'power, trajectory, attitude, IMU'),
     'bag recover': Entry('bag:recover', 'make a bag readable whose recording was cut off'),
-    'bag video': Entry('bag_video:video', 'a film of the drive: the rover from outside, left '
-                       'image, disparity, pitch and slip'),
+    'bag video': Entry('bag_video:video', 'a film of the drive: the rover from outside, its left '
+                       'image in a corner'),
     'bag view': Entry('bag:view', 'play the bag in a browser, without ROS, until Ctrl-C'),
     'benchmark drives': Entry('benchmark:drives', 'simulate, run SLAM, and judge: a table over '
                               'scenarios and sensors'),
