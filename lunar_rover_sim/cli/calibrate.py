@@ -32,11 +32,9 @@ def gait(scenario: str, overrides: list[str], output: Path, overwrite: bool, coa
     """
     options.refuse_existing(output, overwrite)
     loaded = Scenario.load(scenario, overrides)
-    settings = gait_measurement.MeasurementSettings(loaded.rover, loaded.physics_node,
-                                                    loaded.gait_controller_node, measure)
     rates, turns = gait_measurement.COARSE if coarse else gait_measurement.FINE
     with Progress('walking') as progress:
-        table = gait_measurement.measure(settings, rates, turns, workers, progress)
+        table = gait_measurement.measure(loaded, rates, turns, measure, workers, progress)
     table.save(output)
     made = len(table.phase_rates_hz)
     if made < len(rates):

@@ -90,7 +90,7 @@ COMMANDS = {
                           'configured noise'),
     'validate learning': Entry('validate_learning:learning', 'policies against the packaged gait '
                                'on hidden seeds'),
-    'validate locomotion': Entry('validate_locomotion:locomotion', 'pitch of the walk against a '
+    'validate locomotion': Entry('validate_walking:locomotion', 'pitch of the walk against a '
                                  'velocity interface; commands followed'),
     'validate navigation': Entry('validate_navigation:navigation', 'goals by what the rover sees, '
                                  'against the true map and a blind route'),
@@ -99,9 +99,9 @@ COMMANDS = {
     'validate policy': Entry('validate_policy:policy', 'a policy file against its environment, '
                              'term by term'),
     'validate stereo': Entry('validate_stereo:stereo', 'semi-global matching against true depth'),
-    'validate terramechanics': Entry('validate_terramechanics:terramechanics',
+    'validate terramechanics': Entry('validate_walking:terramechanics',
                                      'walks on soft ground, slopes and against a pull'),
-    'validate traverse': Entry('validate_traverse:traverse', 'drive waypoints over many worlds: '
+    'validate traverse': Entry('validate_walking:traverse', 'drive waypoints over many worlds: '
                                'tip-overs, slip, cost of transport'),
     'view': Entry('view:view', "physics alone in MuJoCo's viewer"),
     'world build': Entry('world:build', 'make a world folder from a scenario, an elevation model '

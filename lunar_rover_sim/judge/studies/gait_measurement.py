@@ -10,15 +10,15 @@ import math
 import numpy as np
 
 from lunar_rover_sim.base.errors import StudyError
-from lunar_rover_sim.judge.studies.study_folder import map_in_processes
-from lunar_rover_sim.judge.studies.walking import flat_world, STATE_PERIOD_S, walk, WalkerSettings
+from lunar_rover_sim.judge.studies.study_folder import map_in_processes, Progress, silent
+from lunar_rover_sim.judge.studies.walking import (flat_world, STATE_PERIOD_S, walk, Walk,
+                                                   with_physics)
 from lunar_rover_sim.rover.gait.calibration import (GaitCalibration, ground_conditions,
                                                     rover_conditions, Stride)
-from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.gait.controller import GaitController
 from lunar_rover_sim.rover.physics.config import StartPose
-from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.physics.state import TIPPED_DEG
+from lunar_rover_sim.run.scenario import Scenario
 
 Grid = tuple[tuple[float, ...], tuple[float, ...]]   # phase rates [Hz], turns
 # The sweep of the inner side reverses at 0.7: a turn on either side of it.
@@ -31,20 +31,16 @@ MAX_MEASURE_S = 120.0   # a longer walk needs larger ground
 FASTEST_MPS = 0.6
 
 
-@dataclasses.dataclass(frozen=True)
-class MeasurementSettings(WalkerSettings):
-    """What walks, from the origin, and how long each walk is measured [s]."""
-
-    measure_s: float = MEASURE_S
-
-    def simulation(self) -> Simulation:
-        """Return a simulation on flat ground, on which there is room to walk straight on."""
-        physics = dataclasses.replace(self.physics, start=StartPose())
-        return Simulation(flat_world(FASTEST_MPS * (SKIP_S + self.measure_s)), self.rover, physics)
+def _walked(scenario: Scenario, controller: GaitController, measure_s: float, end_s: float,
+            command: Callable[[GaitController, int], object]) -> Walk:
+    """Return a walk from the origin of flat ground, on which there is room to walk straight on."""
+    world = flat_world(FASTEST_MPS * (SKIP_S + measure_s))
+    with with_physics(scenario, start=StartPose()).simulation(world) as simulation:
+        return walk(simulation, controller, end_s + STATE_PERIOD_S, command)
 
 
-def measure_stride(simulation: Simulation, gait: GaitConfig, stride: Stride,
-                   measure_s: float = MEASURE_S) -> tuple[float, float] | None:
+def measure_stride(scenario: Scenario, measure_s: float,
+                   stride: Stride) -> tuple[float, float] | None:
     """Return the mean velocity [m/s, rad/s] of a stride, over whole cycles after the start.
 
     It is measured for `measure_s`, and for at least four cycles. None: the rover tips over.
@@ -53,17 +49,17 @@ def measure_stride(simulation: Simulation, gait: GaitConfig, stride: Stride,
     skip_s = max(SKIP_S, SKIP_CYCLES / rate)
     cycles = math.ceil(max(MEASURE_CYCLES, measure_s * rate))
     end_s = skip_s + cycles / rate
-    recorded = walk(simulation, GaitController(gait, legs=simulation.rover.legs),
-                    end_s + STATE_PERIOD_S,
-                    lambda controller, stamp_ns: controller.set_stride(stride, stamp_ns))
+    gait = scenario.gait_controller_node.for_rover(scenario.rover)
+    recorded = _walked(scenario, GaitController(gait, legs=scenario.rover.legs), measure_s, end_s,
+                       lambda controller, stamp_ns: controller.set_stride(stride, stamp_ns))
     if recorded.tilt_deg().max() > TIPPED_DEG:
         return None
     return recorded.mean_velocity(skip_s, end_s)
 
 
-def measure(settings: MeasurementSettings, rates_hz: Sequence[float] = FINE[0],
-            turns: Sequence[float] = FINE[1], workers: int = 1,
-            progress: Callable[[int, int], object] = lambda done, total: None) -> GaitCalibration:
+def measure(scenario: Scenario, rates_hz: Sequence[float] = FINE[0],
+            turns: Sequence[float] = FINE[1], measure_s: float = MEASURE_S, workers: int = 1,
+            progress: Progress = silent) -> GaitCalibration:
     """Walk every stride of a table on flat ground, turning left and right; return the table.
 
     Left and right are averaged: a trot begins with one diagonal and is not symmetric. The table
@@ -71,19 +67,20 @@ def measure(settings: MeasurementSettings, rates_hz: Sequence[float] = FINE[0],
 
     Args:
         rates_hz, turns: Phase rates [Hz], increasing, and turns of the table.
+        measure_s: How long each walk is measured [s].
         workers: Processes that share the walks; their number does not change the result.
         progress: Called after each walk with the number of walks done, and of all.
 
     Raises:
         PhysicsError: If a walk cannot be simulated.
         StudyError: If the rover tips over at every phase rate.
-        ConfigError: If it does not walk forward and turn.
+        ConfigError: If it does not walk forward and turn, or the gait does not fit the rover.
     """
+    gait = scenario.gait_controller_node.for_rover(scenario.rover)
     strides = [Stride.turning(rate, sign * turn) for rate in rates_hz for turn in turns
                for sign in ((1.0, -1.0) if turn else (1.0,))]
     results = dict(zip(strides, map_in_processes(
-        functools.partial(_measure_one, settings), strides, workers,
-        lambda _, done, total: progress(done, total))))
+        functools.partial(measure_stride, scenario, measure_s), strides, workers, progress)))
     walked = {stride: velocity for stride, velocity in results.items() if velocity is not None}
     tips = [stride.phase_rate_hz for stride in results if stride not in walked]
     rates_hz = [rate for rate in rates_hz if rate < min(tips, default=math.inf)]
@@ -98,18 +95,12 @@ def measure(settings: MeasurementSettings, rates_hz: Sequence[float] = FINE[0],
             right = walked[Stride.turning(rate, -turn)] if turn else (left[0], -left[1])
             forward[i, k] = 0.5 * (left[0] + right[0])
             yaw_rate[i, k] = 0.5 * (left[1] - right[1])
-    rover, physics, gait = settings.rover, settings.physics, settings.gait
     return GaitCalibration(
         tuple(rates_hz), tuple(turns), tuple(tuple(row) for row in forward.tolist()),
         tuple(tuple(row) for row in yaw_rate.tolist()), gait.duty_factor, gait.foot_width_deg,
         {'gait': gait.gait, 'stance_smoothing': gait.stance_smoothing,
-         'flight_smoothing': gait.flight_smoothing, **ground_conditions(physics),
-         **rover_conditions(rover)})
-
-
-def _measure_one(settings: MeasurementSettings, stride: Stride) -> tuple[float, float] | None:
-    with settings.simulation() as simulation:
-        return measure_stride(simulation, settings.gait, stride, settings.measure_s)
+         'flight_smoothing': gait.flight_smoothing, **ground_conditions(scenario.physics_node),
+         **rover_conditions(scenario.rover)})
 
 
 TRACKING_S = 60.0   # a fast walk varies about its mean course
@@ -148,27 +139,21 @@ class CommandTracking:
                 <= YAW_TOLERANCE * max(abs(self.commanded[1]), SLOWEST_YAW_RADPS))
 
 
-def measure_commands(commands: Sequence[tuple[float, float]], calibration: GaitCalibration,
-                     settings: MeasurementSettings = MeasurementSettings(), workers: int = 1,
-                     progress: Callable[[int, int], object] = lambda done, total: None
-                     ) -> list[CommandTracking]:
+def measure_commands(scenario: Scenario, commands: Sequence[tuple[float, float]],
+                     measure_s: float = TRACKING_S, workers: int = 1,
+                     progress: Progress = silent) -> list[CommandTracking]:
     """Command velocities (forward [m/s], yaw rate [rad/s]) and measure what the rover does.
 
-    Means are taken over a minute, from 5 s after the start on. `workers` processes share the
-    walks; `progress` is called with the number of walks done, and of all.
+    Means are taken over `measure_s` [s], from 5 s after the start on. `workers` processes share
+    the walks.
     """
-    settings = dataclasses.replace(settings, measure_s=TRACKING_S)
-    measured = map_in_processes(functools.partial(_follow, settings, calibration), commands,
-                                workers, lambda _, done, total: progress(done, total))
-    return [CommandTracking(*pair) for pair in zip(commands, measured)]
+    return map_in_processes(functools.partial(_follow, scenario, measure_s), commands, workers,
+                            progress)
 
 
-def _follow(settings: MeasurementSettings, calibration: GaitCalibration,
-            command: tuple[float, float]) -> tuple[float, float]:
-    end_s = SKIP_S + settings.measure_s
-    with settings.simulation() as simulation:
-        recorded = walk(simulation,
-                        GaitController(settings.gait, calibration, settings.rover.legs),
-                        end_s + STATE_PERIOD_S,
-                        lambda controller, stamp_ns: controller.set_velocity(*command, stamp_ns))
-    return recorded.mean_velocity(SKIP_S, end_s)
+def _follow(scenario: Scenario, measure_s: float,
+            command: tuple[float, float]) -> CommandTracking:
+    end_s = SKIP_S + measure_s
+    recorded = _walked(scenario, scenario.gait_controller(), measure_s, end_s,
+                       lambda controller, stamp_ns: controller.set_velocity(*command, stamp_ns))
+    return CommandTracking(command, recorded.mean_velocity(SKIP_S, end_s))

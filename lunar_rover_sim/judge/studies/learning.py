@@ -31,6 +31,7 @@ from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.judge.evaluation.statistics import adjusted, Comparison, Mean
 from lunar_rover_sim.judge.studies.study_folder import StudyFolder
+from lunar_rover_sim.judge.studies.walking import by_gait, DUG_IN, WALKED, Walker
 from lunar_rover_sim.products.inspection.tracking import prediction_miss
 from lunar_rover_sim.rover.description import load_rover, RoverDescription
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
@@ -38,6 +39,7 @@ from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.gait.controller import GaitController, LegCommand
 from lunar_rover_sim.rover.physics.foot_motion import SlipMeter
 from lunar_rover_sim.rover.physics.simulation import Simulation
+from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
 
 PACKAGED = 'packaged'
@@ -53,7 +55,6 @@ _SLIP_EVERY = 4         # states
 _STUCK = 0.1            # share of the commanded speed below which a rover is stuck
 _LEVER_M = FollowConfig().yaw_lever_m
 _SIZE_M = 12.8
-WALKED = 'walked'
 LEAST_P = 1e-3          # that is told as it is
 _NAN = math.nan
 
@@ -120,23 +121,23 @@ def walk(case: Case) -> PolicyWalk:
     world = terrain(case.seed, _SIZE_M, False, case.slope_deg)
     try:
         with Simulation(world, rover, physics_of(case.ground)) as simulation:
-            return _measured(case, simulation, answer_of(case, rover))
+            return _measured(case, simulation, Walker(simulation, answer_of(case, rover)))
     except (ConfigError, PhysicsError) as error:
         return PolicyWalk(case, str(error))
 
 
-def answer_of(case: Case, rover: RoverDescription) -> Callable[[Sample], LegCommand]:
+def answer_of(case: Case, rover: RoverDescription) -> Callable[[RoverState], LegCommand]:
     """Return what answers the states of a walk: the packaged gait of the ground, or a policy."""
     if case.walker == PACKAGED:
         gait = GaitConfig().for_rover(rover)
         controller = GaitController(gait, GaitCalibration.of(gait, case.ground, rover.name),
                                     rover.legs)
         controller.set_velocity(case.forward_mps, case.yaw_rate_radps)
-        return lambda sample: controller.update(sample.stamp_ns, sample.angle_rad,
-                                                sample.speed_radps)
+        return by_gait(controller)
     policy = PolicyController.load(case.walker, rover)
     policy.set_velocity(case.forward_mps, case.yaw_rate_radps)
-    return policy.update
+    noise = ImuNoise(ImuConfig(), STATE_HZ, np.random.default_rng(case.seed))
+    return lambda state: policy.update(Sample.of(state, noise))
 
 
 class WalkStore(StudyFolder[Case, PolicyWalk]):
@@ -218,26 +219,21 @@ def _place(walked: PolicyWalk) -> str:
             + (f', {case.yaw_rate_radps:g} rad/s' if case.yaw_rate_radps else ''))
 
 
-def _measured(case: Case, simulation: Simulation,
-              answer: Callable[[Sample], LegCommand]) -> PolicyWalk:
-    rover, config = simulation.rover, simulation.config
-    period_s, steps = 1.0 / STATE_HZ, 1_000_000_000 // STATE_HZ // config.step_ns
-    noise = ImuNoise(ImuConfig(), STATE_HZ, np.random.default_rng(case.seed))
+def _measured(case: Case, simulation: Simulation, walker: Walker) -> PolicyWalk:
+    rover, period_s = simulation.rover, walker.period_s
     feet, poses = SlipMeter(len(rover.legs.each)), []
     energy_j = pitch = way_m = turned_rad = 0.0
     every = round(STATE_HZ / FRAME_HZ)
-    state, outcome = simulation.state, WALKED
+    outcome = WALKED
     first, last = round(SKIP_S * STATE_HZ), round(DURATION_S * STATE_HZ)
     for k in range(1, last + 1):
-        simulation.command(answer(Sample.of(state, noise)).velocity_radps)
-        state = simulation.advance(steps)
+        state = walker.step()
         if float(tilt_deg(state.orientation_wxyz)) > FALLEN_DEG:
             return PolicyWalk(case, 'fallen')
         if k > first:
             way_m += period_s * float(state.linear_velocity_mps[0])
             turned_rad += period_s * float(state.angular_velocity_radps[2])
-            energy_j += period_s * rover.motor.drawn_w(state.motor_torque_nm,
-                                                       state.joint_velocity_radps)
+            energy_j += walker.drawn_j()
             pitch += float(state.angular_velocity_radps[1]) ** 2
             if k % _SLIP_EVERY == 0:
                 feet.add(simulation.foot_motion, _SLIP_EVERY * period_s)
@@ -247,9 +243,9 @@ def _measured(case: Case, simulation: Simulation,
     speed, turned = way_m / time_s, turned_rad / time_s
     if case.forward_mps > 0.0 and speed < _STUCK * case.forward_mps:
         outcome = 'stuck'
-    if simulation.ground_contact is not None and simulation.ground_contact.dug_in:
-        outcome = 'dug in'
-    weight_n = rover.total_mass_kg * config.gravity_mps2
+    if walker.has_dug_in():
+        outcome = DUG_IN
+    weight_n = rover.total_mass_kg * simulation.config.gravity_mps2
     miss = prediction_miss(np.array(poses), _rig(rover), rover.standing_height_m, FRAME_HZ)
     missed = (math.hypot(speed - case.forward_mps, _LEVER_M * (turned - case.yaw_rate_radps))
               / math.hypot(case.forward_mps, _LEVER_M * case.yaw_rate_radps))

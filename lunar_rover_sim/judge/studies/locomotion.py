@@ -8,7 +8,7 @@ the frequency of the steps, and a velocity interface shows neither.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 import dataclasses
 import math
 from pathlib import Path
@@ -23,18 +23,17 @@ from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.results import markdown_table, save_figure
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.gravity import EARTH_MPS2, MOON_MPS2
-from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.judge.studies.gait_measurement import CommandTracking
+from lunar_rover_sim.judge.studies.study_folder import Progress, silent
 from lunar_rover_sim.judge.studies.walking import (flat_world, STATE_PERIOD_S, walk, Walk,
-                                                   WalkerSettings)
+                                                   with_physics)
 from lunar_rover_sim.products.inspection.tracking import LOST_PX, prediction_miss, PredictionMiss
 from lunar_rover_sim.rover.description import chassis_inertia, RoverDescription
-from lunar_rover_sim.rover.gait.calibration import GaitCalibration
-from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.gait.controller import GaitController
 from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.rover.physics.simulation import Simulation
+from lunar_rover_sim.run.scenario import Scenario
 
 START_S = 5.0         # the transient is looked for in this time after the command
 STEADY_FROM_S = 10.0  # the steady walk begins this time after the command
@@ -196,25 +195,22 @@ def claims(case: LocomotionCase) -> list[Claim]:
     ]
 
 
-def study(calibration: GaitCalibration, settings: WalkerSettings = WalkerSettings(),
-          speeds_mps: Sequence[float] = SPEEDS_MPS,
+def study(scenario: Scenario, speeds_mps: Sequence[float] = SPEEDS_MPS,
           gravities_mps2: Sequence[float] = GRAVITIES_MPS2, duration_s: float = 30.0,
-          camera: CameraConfig = CameraConfig(),
-          progress: Callable[[int, int], object] = lambda done, total: None
-          ) -> list[LocomotionCase]:
+          progress: Progress = silent) -> list[LocomotionCase]:
     """Walk and track every speed under every gravity.
 
     Args:
         duration_s: Length of each walk, from the command on [s].
         progress: Called after each case with the number of cases done, and of all.
     """
-    rig = StereoRig(settings.rover, camera)
+    rig = StereoRig(scenario.rover, scenario.render_node.camera)
     ground, cases = flat_world(), []
     for gravity in gravities_mps2:
-        physics = dataclasses.replace(settings.physics, gravity_mps2=gravity, start=StartPose())
-        with Simulation(ground, settings.rover, physics) as simulation:
+        under = with_physics(scenario, gravity_mps2=gravity, start=StartPose())
+        with under.simulation(ground) as simulation:
             for speed in speeds_mps:
-                cases.append(_case(simulation, calibration, settings.gait, speed, duration_s, rig))
+                cases.append(_case(simulation, under.gait_controller(), speed, duration_s, rig))
                 progress(len(cases), len(gravities_mps2) * len(speeds_mps))
     return cases
 
@@ -259,16 +255,14 @@ def velocity_interface(time_s: ArrayLike, speed_mps: float, command_s: float,
     return PitchCurve('velocity interface', time, curve)
 
 
-def _case(simulation: Simulation, calibration: GaitCalibration, gait: GaitConfig, speed: float,
-          duration_s: float, rig: StereoRig) -> LocomotionCase:
-    controller = GaitController(gait, calibration, simulation.rover.legs)
-
+def _case(simulation: Simulation, controller: GaitController, speed: float, duration_s: float,
+          rig: StereoRig) -> LocomotionCase:
     def command(controller: GaitController, stamp_ns: int) -> None:
         controller.set_velocity(speed if stamp_ns * 1e-9 >= STAND_S else 0.0, 0.0, stamp_ns)
 
     done = walk(simulation, controller, STAND_S + duration_s, command)
     cycle_hz = controller.stride.phase_rate_hz
-    step_hz = cycle_hz * len(set(gait.offsets(simulation.rover.legs)))
+    step_hz = cycle_hz * len(set(controller.config.offsets(simulation.rover.legs)))
     pitch = np.degrees(done.rpy_rad[:, 1])
     walked = PitchCurve('gait and contact', done.time_s, pitch)
     tracked = velocity_interface(done.time_s, speed, STAND_S, simulation.rover, simulation.config)

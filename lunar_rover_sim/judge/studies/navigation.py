@@ -37,7 +37,7 @@ from lunar_rover_sim.image.stereo.seen_depth import SeenDepth
 from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
 from lunar_rover_sim.judge.evaluation.statistics import Comparison, either_alone_p, Mean, Share
 from lunar_rover_sim.judge.studies.study_folder import StudyFolder
-from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S, Walker
+from lunar_rover_sim.judge.studies.walking import by_gait, STATE_PERIOD_S, Walker
 from lunar_rover_sim.rover.mjcf import BASE_BODY
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.physics.state import RoverState, TipOver
@@ -192,7 +192,7 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
     path: list[Array] = []
     with Simulation(world, scenario.rover, scenario.physics_node, OneWindow(world)) as simulation:
         controller = scenario.gait_controller()
-        walker, state = Walker(simulation, controller), simulation.state
+        walker, state = Walker(simulation, by_gait(controller)), simulation.state
         contacts = Contacts(simulation, belly_clearance_m(scenario.rover))
         try:
             for k in range(round(limit_s / STATE_PERIOD_S)):
@@ -218,11 +218,9 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
                     if k % 40 == 0:
                         path.append(position[:2])
                 controller.set_velocity(*velocity, state.stamp_ns)
-                walker.step()
-                state = simulation.state
+                state = walker.step()
                 contacts.add(state.stamp_ns * 1e-9)
-                energy += STATE_PERIOD_S * scenario.rover.motor.drawn_w(
-                    state.motor_torque_nm, state.joint_velocity_radps)
+                energy += walker.drawn_j()
                 if tip.has_begun(state.orientation_wxyz):
                     outcome = TIPPED
                     break

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import dataclasses
 import functools
 
@@ -11,7 +11,7 @@ from scipy import stats
 
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.base.frames import Array
-from lunar_rover_sim.judge.studies.study_folder import map_in_processes
+from lunar_rover_sim.judge.studies.study_folder import map_in_processes, Progress, silent
 from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S, Walk, walk
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.gait.controller import GaitController
@@ -59,7 +59,7 @@ class OdometryStudy:
 
 
 def study(scenario: Scenario, seeds: Sequence[int], duration_s: float, workers: int = 1,
-          progress: Callable[[int, int], object] = lambda done, total: None) -> OdometryStudy:
+          progress: Progress = silent) -> OdometryStudy:
     """Drive with random commands on the scenario's world of each seed; judge the odometry.
 
     Args:
@@ -70,7 +70,7 @@ def study(scenario: Scenario, seeds: Sequence[int], duration_s: float, workers: 
         StudyError: If the rover tipped over in all but two of them, or stood still.
     """
     walks = map_in_processes(functools.partial(_drive, scenario, duration_s), seeds, workers,
-                             lambda _, done, total: progress(done, total))
+                             progress)
     config = scenario.physics_node
     result = judge(walks, scenario.rover, config.wheel_odometry.counts_per_turn,
                    Rolling.of(config.wheel_odometry, config.ground.name, scenario.rover.name))

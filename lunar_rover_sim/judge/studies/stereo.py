@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -20,6 +19,7 @@ from lunar_rover_sim.image.rendering.renderer import Renderer
 from lunar_rover_sim.image.rendering.snapshot import settle, standing
 from lunar_rover_sim.image.stereo.depth import disparity_from_depth, DisparityMap
 from lunar_rover_sim.image.stereo.error import stereo_errors, StereoErrors
+from lunar_rover_sim.judge.studies.study_folder import Progress, silent
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -27,7 +27,7 @@ _RADIUS = 0.15           # of the loop, over half the side of the world
 
 
 def study(scenario: Scenario, frames: int, figures: Path | None = None,
-          progress: Callable[[int, int], object] = lambda done, total: None) -> StereoErrors:
+          progress: Progress = silent) -> StereoErrors:
     """Draw stereo pairs along a loop through a scenario, match them, and sum up their errors.
 
     Args:

@@ -5,7 +5,7 @@ The folder holds the settings of the study, and a file for each finished drive.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 import dataclasses
@@ -20,38 +20,42 @@ from lunar_rover_sim.base.files.paths import make_new_folder
 
 Item = TypeVar('Item')
 Result = TypeVar('Result')
+Progress = Callable[[int, int], object]     # called with how many are done, and of how many
+
+
+def silent(done: int, total: int) -> None:
+    """Show no progress."""
 
 
 def map_in_processes(function: Callable[[Item], Result], items: Sequence[Item], workers: int,
-                     progress: Callable[[Result, int, int], object] | None = None
-                     ) -> list[Result]:
-    """Return function(item) of all items, in their order.
+                     progress: Progress = silent) -> list[Result]:
+    """Return function(item) of all items, in their order, as `in_processes` makes them."""
+    results: list[Result] = []
+    for result in in_processes(function, items, workers):
+        results.append(result)
+        progress(len(results), len(items))
+    return results
+
+
+def in_processes(function: Callable[[Item], Result], items: Sequence[Item],
+                 workers: int) -> Iterator[Result]:
+    """Yield function(item) of all items, in their order.
 
     Args:
         workers: Number of processes; up to 1 for this one. They get function and items pickled.
-        progress: Called with each result, how many there are so far, and how many there will be.
 
     Raises:
         StudyError: If a process dies.
     """
-    results: list[Result] = []
-
-    def collect(stream: Iterable[Result]) -> None:
-        for result in stream:
-            results.append(result)
-            if progress is not None:
-                progress(result, len(results), len(items))
-
     if workers <= 1:
-        collect(map(function, items))
-        return results
+        yield from map(function, items)
+        return
     # Not forked: a forked process would share threads and GPU contexts with this one.
     with ProcessPoolExecutor(workers, multiprocessing.get_context('spawn')) as pool:
         try:
-            collect(pool.map(function, items))
+            yield from pool.map(function, items)
         except BrokenProcessPool as error:
             raise StudyError(f'a worker process died: {error}') from None
-    return results
 
 
 Case = TypeVar('Case')
@@ -132,14 +136,10 @@ class StudyFolder(Generic[Case, Drive]):
         found = {case: self.load(case) for case in cases}
         done = {case: drive for case, drive in found.items() if drive is not None}
         left = [case for case in cases if case not in done]
-
-        def keep(drive: Drive, count: int, _total: int) -> None:
-            case = left[count - 1]
+        for drive, case in zip(in_processes(make, left, workers), left):
             self.save(case, drive)
             done[case] = drive
             progress(case, drive, len(done))
-
-        map_in_processes(make, left, workers, keep)
         return {case: done[case] for case in cases}
 
     def _path(self, case: Case) -> Path:

@@ -25,24 +25,24 @@ from lunar_rover_sim.base.errors import ConfigError, PhysicsError, StudyError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.results import csv_table, markdown_table, save_figure
 from lunar_rover_sim.base.frames import Array, rpy_from_wxyz
-from lunar_rover_sim.ground.regolith.config import GroundConfig, REGOLITH, RIGID
+from lunar_rover_sim.ground.regolith.config import RIGID
 from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.judge.evaluation.statistics import (adjusted, CONFIDENCE, either_alone_p,
                                                          Estimate, Mean, Share, signed_rank_p)
-from lunar_rover_sim.judge.studies.study_folder import map_in_processes
-from lunar_rover_sim.judge.studies.walking import sloping_world, Walker, WalkerSettings
-from lunar_rover_sim.rover.gait.calibration import GaitCalibration
-from lunar_rover_sim.rover.gait.controller import GaitController
+from lunar_rover_sim.judge.studies.study_folder import map_in_processes, Progress, silent
+from lunar_rover_sim.judge.studies.walking import (by_gait, DUG_IN, on_ground, sloping_world,
+                                                   WALKED, Walker, with_physics)
 from lunar_rover_sim.rover.physics.config import StartPose
 from lunar_rover_sim.rover.physics.foot_motion import SlipMeter
 from lunar_rover_sim.rover.physics.simulation import Simulation
+from lunar_rover_sim.run.scenario import Scenario
 
 GROUNDS = (RIGID, 'highland_dense', 'highland', 'highland_loose')
 SLOPES_DEG = tuple(2.5 * k for k in range(13))
 PULLS = tuple(round(0.05 * k, 2) for k in range(19))   # over the weight
-SKIP_S = 3.0
+SPEED_MPS, DURATION_S, SKIP_S = 0.12, 13.0, 3.0
 HALF_EXTENT_M = 30.0   # of the plane, so that a rover that is pulled back stays on it
 
 
@@ -54,23 +54,11 @@ class Ground:
     slope_deg: float = 0.0
     pull: float = 0.0
 
-    def config(self, base: GroundConfig = GroundConfig()) -> GroundConfig:
-        """Return the parameters of the ground; base: its other parameters.
 
-        Raises:
-            ConfigError: For a preset that does not exist.
-        """
-        if self.name == RIGID:
-            return dataclasses.replace(base, model=RIGID)
-        return dataclasses.replace(base, model=REGOLITH, preset=self.name)
-
-
-@dataclasses.dataclass(frozen=True)
-class WalkSettings(WalkerSettings):
-    """What walks; speed [m/s] and duration [s]."""
-
-    speed_mps: float = 0.12
-    duration_s: float = 13.0
+def cases(grounds: Sequence[str]) -> list[Ground]:
+    """Return walks up slopes, then against pulls on the level."""
+    return [*(Ground(name, slope) for name in grounds for slope in SLOPES_DEG),
+            *(Ground(name, 0.0, pull) for name in grounds for pull in PULLS[1:])]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,18 +89,22 @@ class GroundWalk:
     sinkage_max_m: float = math.nan
 
 
-def measure(settings: WalkSettings, ground: Ground, world: World | None = None) -> GroundWalk:
-    """Walk, and return what was measured; a rover that cannot stand there is a result, too.
+def measure(scenario: Scenario, ground: Ground, speed_mps: float = SPEED_MPS,
+            duration_s: float = DURATION_S, world: World | None = None) -> GroundWalk:
+    """Walk straight on, and return what was measured.
+
+    A rover that cannot stand there is a result, too.
 
     Args:
+        speed_mps: Commanded.
+        duration_s: Of the walk, above `SKIP_S`.
         world: To walk on, by default a plane of the ground's slope.
     """
-    physics = dataclasses.replace(settings.physics, start=StartPose(),
-                                  ground=ground.config(settings.physics.ground))
-    world = world or sloping_world(ground.slope_deg, HALF_EXTENT_M)
+    scenario = on_ground(with_physics(scenario, start=StartPose()), ground.name)
     try:
-        with Simulation(world, settings.rover, physics) as simulation:
-            return _walk(settings, ground, simulation)
+        with scenario.simulation(
+                world or sloping_world(ground.slope_deg, HALF_EXTENT_M)) as simulation:
+            return _walk(scenario, simulation, ground, speed_mps, duration_s)
     except (ConfigError, PhysicsError) as error:
         return GroundWalk(ground, str(error))
 
@@ -123,41 +115,38 @@ def holding(walks: Sequence[GroundWalk]) -> list[GroundWalk]:
     return list(itertools.takewhile(lambda walk: walk.speed_mps > 0.0, grown))
 
 
-def _walk(settings: WalkSettings, ground: Ground, simulation: Simulation) -> GroundWalk:
-    rover, gait = settings.rover, settings.gait
-    controller = GaitController(gait, GaitCalibration.of(gait, ground.name, rover.name),
-                                rover.legs)
-    weight = rover.total_mass_kg * settings.physics.gravity_mps2
+def _walk(scenario: Scenario, simulation: Simulation, ground: Ground, speed_mps: float,
+          duration_s: float) -> GroundWalk:
+    controller = scenario.gait_controller()
+    weight = scenario.rover.total_mass_kg * scenario.physics_node.gravity_mps2
     slope = math.radians(ground.slope_deg)
     uphill = np.array([math.cos(slope), 0.0, math.sin(slope)])
     simulation.apply_force(-ground.pull * weight * uphill)
-    walker, state = Walker(simulation, controller), simulation.state
-    period_s, feet = walker.period_s, SlipMeter(len(simulation.rover.legs.each))
+    walker, state = Walker(simulation, by_gait(controller)), simulation.state
+    period_s, feet = walker.period_s, SlipMeter(len(scenario.rover.legs.each))
     begin, energy = state.position_m, 0.0
     pitch, sinkage = [], [0.0]
     measured = 0
-    for _ in range(round(settings.duration_s / period_s)):
-        controller.set_velocity(settings.speed_mps, 0.0, state.stamp_ns)
-        walker.step()
-        state = simulation.state
+    for _ in range(round(duration_s / period_s)):
+        controller.set_velocity(speed_mps, 0.0, state.stamp_ns)
+        state = walker.step()
         if state.stamp_ns * 1e-9 <= SKIP_S:
             begin = state.position_m
         else:
             measured += 1
             feet.add(simulation.foot_motion, period_s)
-            energy += period_s * rover.motor.drawn_w(state.motor_torque_nm,
-                                                     state.joint_velocity_radps)
+            energy += walker.drawn_j()
             pitch.append(math.degrees(rpy_from_wxyz(state.orientation_wxyz)[1]))
             contact = simulation.ground_contact
             if contact is not None:
                 sinkage.append(float(contact.sinkage_m.max()))
     way = state.position_m - begin
     distance, time_s = float(way @ uphill), measured * period_s
-    dug_in = simulation.ground_contact is not None and simulation.ground_contact.dug_in
+    transport = energy / (weight * distance) if distance > 0.01 else math.inf
     return GroundWalk(
-        ground, 'dug in' if dug_in else 'walked', distance / time_s, float(way[1]) / time_s,
-        feet.total, energy / (weight * distance) if distance > 0.01 else math.inf,
-        energy / time_s, float(np.std(pitch)), float(np.mean(sinkage)), max(sinkage))
+        ground, DUG_IN if walker.has_dug_in() else WALKED, distance / time_s,
+        float(way[1]) / time_s, feet.total, transport, energy / time_s, float(np.std(pitch)),
+        float(np.mean(sinkage)), max(sinkage))
 
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(GroundWalk)[2:])
@@ -325,7 +314,6 @@ def plot_comparison(results: Mapping[str, Sequence[Any]], quantities: Sequence[Q
 
 
 SIZE_M, SAMPLES = 12.8, 257   # of the worlds: room for a walk, and no more
-WALKED = 'walked'
 
 WALK_QUANTITIES = (
     Quantity('speed [m/s]', lambda w: w.speed_mps, 4),
@@ -338,9 +326,9 @@ WALK_QUANTITIES = (
 Walks = Mapping[float, Mapping[str, Sequence[GroundWalk]]]
 
 
-def walk_study(settings: WalkSettings, grounds: Sequence[str],
-               speeds_mps: Sequence[float], seeds: Sequence[int], workers: int = 1,
-               progress: Callable[[int, int], object] = lambda done, total: None) -> Walks:
+def walk_study(scenario: Scenario, grounds: Sequence[str], speeds_mps: Sequence[float],
+               seeds: Sequence[int], duration_s: float = DURATION_S, workers: int = 1,
+               progress: Progress = silent) -> Walks:
     """Return speed → ground → walks in the order of seeds."""
     worlds = WorldConfig()
     relief = dataclasses.replace(
@@ -348,9 +336,8 @@ def walk_study(settings: WalkSettings, grounds: Sequence[str],
         rocks=dataclasses.replace(worlds.rocks, abundance=0.0),
         surroundings=dataclasses.replace(worlds.surroundings, samples=SAMPLES))
     jobs = [(speed, name, seed) for seed in seeds for speed in speeds_mps for name in grounds]
-    walks = dict(zip(jobs, map_in_processes(functools.partial(_on_relief, settings, relief), jobs,
-                                            workers,
-                                            lambda _, done, total: progress(done, total))))
+    walks = dict(zip(jobs, map_in_processes(
+        functools.partial(_on_relief, scenario, relief, duration_s), jobs, workers, progress)))
     return {speed: {name: [walks[speed, name, seed] for seed in seeds] for name in grounds}
             for speed in speeds_mps}
 
@@ -367,11 +354,10 @@ def write_walks(walks: Walks, folder: Path) -> str:
     return text
 
 
-def _on_relief(settings: WalkSettings, relief: WorldConfig,
+def _on_relief(scenario: Scenario, relief: WorldConfig, duration_s: float,
                job: tuple[float, str, int]) -> GroundWalk:
     speed, name, seed = job
-    return measure(dataclasses.replace(settings, speed_mps=speed), Ground(name),
-                   _relief_world(relief, seed))
+    return measure(scenario, Ground(name), speed, duration_s, _relief_world(relief, seed))
 
 
 @functools.lru_cache(maxsize=1)

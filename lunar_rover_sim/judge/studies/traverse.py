@@ -21,27 +21,24 @@ from lunar_rover_sim.base.errors import PhysicsError, StudyError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.results import csv_table, markdown_table, save_figure
 from lunar_rover_sim.base.frames import Array, distance_along, path_length, tilt_deg
-from lunar_rover_sim.ground.regolith.config import GroundConfig
 from lunar_rover_sim.ground.world.cache import cached
-from lunar_rover_sim.ground.world.config import WorldConfig
-from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.site import OneWindow
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.judge.studies.study_folder import StudyFolder
 from lunar_rover_sim.judge.studies.terramechanics import (compare, comparison_text,
                                                           plot_comparison, Quantity)
-from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S, Walker, WalkerSettings
-from lunar_rover_sim.rover.gait.calibration import GaitCalibration
-from lunar_rover_sim.rover.gait.controller import GaitController
+from lunar_rover_sim.judge.studies.walking import (by_gait, DUG_IN, on_ground, STATE_PERIOD_S,
+                                                   Walker)
 from lunar_rover_sim.rover.physics.foot_motion import SlipMeter
 from lunar_rover_sim.rover.physics.penetration import TipPenetration
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.physics.state import RoverState
+from lunar_rover_sim.run.scenario import Scenario
 
 PATH_PERIOD_S = 0.2                   # of the recorded path
 STRANDED_S, STRANDED_M = 60.0, 0.5    # a rover that stays this long this near its end is stranded
-DRIVEN, TIPPED_OVER, STRANDED, DUG_IN = 'driven', 'tipped over', 'stranded', 'dug in'  # outcomes
+DRIVEN, TIPPED_OVER, STRANDED = 'driven', 'tipped over', 'stranded'    # outcomes, with DUG_IN
 Case = tuple[str, int]                # ground and seed
 
 
@@ -176,26 +173,23 @@ class TraverseDrive:
     """A drive in progress; `run` it once.
 
     Args:
+        scenario: Gait, and how waypoints are followed.
         simulation: The rover on its ground.
-        controller: Its gait.
-        config: How it follows waypoints.
         plan: Returns (n, 2) waypoints from a position (2,) on [m], or raises StudyError.
-        ground: Bounds the drive.
     """
 
-    def __init__(self, simulation: Simulation, controller: GaitController, config: DriveConfig,
-                 plan: Callable[[Array], Array], ground: HeightGrid) -> None:
-        self._simulation = simulation
-        self._controller = controller
-        self._config = config
+    def __init__(self, scenario: Scenario, simulation: Simulation,
+                 plan: Callable[[Array], Array]) -> None:
+        self._controller = scenario.gait_controller()
+        self._config: DriveConfig = scenario.drive_node
         self._plan = plan
-        self._half_extent_m = ground.half_extent_m
-        self._walker = Walker(simulation, controller)
+        self._half_extent_m = simulation.world.ground.half_extent_m
+        self._walker = Walker(simulation, by_gait(self._controller))
         self._period_s = self._walker.period_s
         self._back_up_periods = round(BACK_UP_S / self._period_s)
         self._next = 0                    # index of the waypoint ahead
         self._reached = self._stuck = self._tilted = 0
-        self._measurement = _Measurement(simulation, self._period_s)
+        self._measurement = _Measurement(simulation, self._walker)
         self._state = simulation.state
         self._waypoints = plan(self._state.position_m[:2])
         self._driver = self._make_driver()
@@ -237,8 +231,7 @@ class TraverseDrive:
                     else:
                         backed_up = False
                 self._controller.set_velocity(*velocity, self._state.stamp_ns)
-                self._walker.step()
-                self._state = self._simulation.state
+                self._state = self._walker.step()
                 self._measurement.add()
                 if k % PATH_PERIODS == 0:
                     self._measurement.path_m.append(self._state.position_m)
@@ -273,11 +266,10 @@ class TraverseDrive:
 class _Measurement:
     """What a drive sums up, period by period."""
 
-    def __init__(self, simulation: Simulation, period_s: float) -> None:
-        self._simulation = simulation
-        self._period_s = period_s
+    def __init__(self, simulation: Simulation, walker: Walker) -> None:
+        self._simulation, self._walker = simulation, walker
         self._tips = TipPenetration(simulation)
-        self._feet = SlipMeter(len(self._simulation.rover.legs.each))
+        self._feet = SlipMeter(len(simulation.rover.legs.each))
         self._mechanical_j = self._electric_j = 0.0
         self._tilts_deg: list[float] = []
         self._pitches_deg: list[float] = []
@@ -286,14 +278,13 @@ class _Measurement:
 
     def add(self) -> None:
         """Take in the state of the simulation after a period."""
-        state, dt = self._simulation.state, self._period_s
+        state, dt = self._simulation.state, self._walker.period_s
         self._tilts_deg.append(_tilt_deg(state))
         self._pitches_deg.append(_pitch_deg(state))
         for torque, speed in zip(state.motor_torque_nm.tolist(),
                                  state.joint_velocity_radps.tolist()):
             self._mechanical_j += max(torque * speed, 0.0) * dt
-        self._electric_j += dt * self._simulation.rover.motor.drawn_w(
-            state.motor_torque_nm, state.joint_velocity_radps)
+        self._electric_j += self._walker.drawn_j()
         self._penetration_m = max(self._penetration_m, self._tips.deepest_m())
         self._feet.add(self._simulation.foot_motion, dt)
 
@@ -306,8 +297,7 @@ class _Measurement:
         weight = max(mass * self._simulation.config.gravity_mps2, 1e-9)
         tilts = np.array(self._tilts_deg or [0.0])
         if outcome == DRIVEN and is_stranded(path):
-            contact = self._simulation.ground_contact
-            outcome = DUG_IN if contact is not None and contact.dug_in else STRANDED
+            outcome = DUG_IN if self._walker.has_dug_in() else STRANDED
         return Traverse(
             seed, outcome, driven_s, distance, *counts,
             self._feet.total,
@@ -319,7 +309,8 @@ class _Measurement:
     def _pitch_rms_deg(self) -> float:
         """Return the RMS of the pitch about its moving mean [deg]."""
         pitch = np.array(self._pitches_deg or [0.0])
-        return float(np.std(pitch - uniform_filter1d(pitch, round(PITCH_MEAN_S / self._period_s))))
+        return float(np.std(pitch - uniform_filter1d(pitch, round(
+            PITCH_MEAN_S / self._walker.period_s))))
 
 
 def _pitch_deg(state: RoverState) -> float:
@@ -344,33 +335,19 @@ class TraverseStore(StudyFolder[Case, Traverse]):
         return Traverse(**{**values, 'path_m': np.array(values['path_m']).reshape(-1, 3)})
 
 
-@dataclasses.dataclass(frozen=True)
-class TraverseSettings(WalkerSettings):
-    """What drives, how it follows its path, and the simulated time of each drive [s]."""
-
-    drive: DriveConfig = DriveConfig()
-    duration_s: float = 600.0
-
-
-def traverse(world: World, seed: int, settings: TraverseSettings) -> Traverse:
-    """Drive random waypoints over a world; raise StudyError if there is no route."""
-    length_m = 1.5 * settings.drive.speed_mps * settings.duration_s
+def traverse(scenario: Scenario, duration_s: float, world: World, seed: int) -> Traverse:
+    """Drive random waypoints over a world for a time [s]; raise StudyError without a route."""
+    length_m = 1.5 * scenario.drive_node.speed_mps * duration_s
     plan = functools.partial(random_waypoints, world, length_m, np.random.default_rng(seed))
-    with Simulation(world, settings.rover, settings.physics, OneWindow(world)) as simulation:
-        controller = GaitController(settings.gait, GaitCalibration.of(
-            settings.gait, settings.physics.ground.name, settings.rover.name),
-            settings.rover.legs)
-        return TraverseDrive(simulation, controller, settings.drive, plan,
-                             world.ground).run(seed, settings.duration_s)
+    with Simulation(world, scenario.rover, scenario.physics_node, OneWindow(world)) as simulation:
+        return TraverseDrive(scenario, simulation, plan).run(seed, duration_s)
 
 
-def traverse_case(worlds: WorldConfig, settings: TraverseSettings,
-                  grounds: Mapping[str, GroundConfig], case: Case) -> Traverse:
-    """Traverse the world of a seed on one of the grounds."""
+def traverse_case(scenario: Scenario, duration_s: float, case: Case) -> Traverse:
+    """Traverse the world of a seed on a ground."""
     ground, seed = case
-    physics = dataclasses.replace(settings.physics, ground=grounds[ground])
-    return traverse(load_world(cached(worlds, seed), verify=False), seed,
-                    dataclasses.replace(settings, physics=physics))
+    return traverse(on_ground(scenario, ground), duration_s,
+                    load_world(cached(scenario.world, seed), verify=False), seed)
 
 
 ALLOWED_SHARE = 0.05   # of drives that end tipped over or stranded: one in twenty

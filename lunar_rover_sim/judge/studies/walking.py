@@ -1,42 +1,44 @@
-"""Walking on a simulation without ROS: controller and physics in one loop, recorded."""
+"""Walking on a simulation without ROS: what walks where, and the one loop that walks it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.base.frames import rpy_from_wxyz, tilt_deg, wxyz_from_rpy
+from lunar_rover_sim.ground.regolith.config import REGOLITH, RIGID
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.rocks import Rocks
-from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.gait.controller import GaitController, LegCommand
-from lunar_rover_sim.rover.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.physics.simulation import Simulation
+from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.run.scenario import Scenario
 
 STATE_PERIOD_S = 0.005   # period of the controller
+WALKED, DUG_IN = 'walked', 'dug in'     # outcomes that several studies have
 
 
-@dataclasses.dataclass(frozen=True)
-class WalkerSettings:
-    """What walks: rover, physics and gait.
+def with_physics(scenario: Scenario, **changes: Any) -> Scenario:
+    """Return a scenario with other parameters of its `physics_node`."""
+    return dataclasses.replace(scenario, physics_node=dataclasses.replace(
+        scenario.physics_node, **changes))
+
+
+def on_ground(scenario: Scenario, name: str) -> Scenario:
+    """Return a scenario on `rigid` ground or a preset of soil, whose other parameters stay.
 
     Raises:
-        ConfigError: If the gait does not suit the spokes.
+        ConfigError: For a preset that does not exist.
     """
-
-    rover: RoverDescription = RoverDescription()
-    physics: PhysicsConfig = PhysicsConfig()
-    gait: GaitConfig = GaitConfig()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, 'gait', self.gait.for_rover(self.rover))
+    other = {'model': RIGID} if name == RIGID else {'model': REGOLITH, 'preset': name}
+    return with_physics(scenario, ground=dataclasses.replace(scenario.physics_node.ground,
+                                                             **other))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,26 +97,43 @@ def sloping_world(slope_deg: float, half_extent_m: float = 5.0) -> World:
     return dataclasses.replace(world, levels=(HeightGrid(heights, ground.cell_m),))
 
 
+def by_gait(controller: GaitController) -> Callable[[RoverState], LegCommand]:
+    """Return what answers states by a gait."""
+    return lambda state: controller.update(state.stamp_ns, state.joint_angle_rad,
+                                           state.joint_velocity_radps)
+
+
 class Walker:
-    """A rover that walks by its gait, one period of the controller after the other.
+    """A rover that walks, one period of its controller after the other.
 
     Attributes:
         period_s: `STATE_PERIOD_S`, in whole steps of the simulation [s].
+        legs: The last answer.
     """
 
-    def __init__(self, simulation: Simulation, controller: GaitController) -> None:
-        self._simulation, self._controller = simulation, controller
+    def __init__(self, simulation: Simulation,
+                 answer: Callable[[RoverState], LegCommand]) -> None:
+        self._simulation, self._answer = simulation, answer
         self._steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
         self.period_s = self._steps * simulation.config.step_s
+        self.legs: LegCommand
 
-    def step(self) -> LegCommand:
-        """Answer the state by the gait, go on to the next state, and return the answer."""
+    def step(self) -> RoverState:
+        """Answer the state, go on to the next one, and return it."""
+        self.legs = self._answer(self._simulation.state)
+        self._simulation.command(self.legs.velocity_radps)
+        return self._simulation.advance(self._steps)
+
+    def drawn_j(self) -> float:
+        """Return the energy drawn from the supply in the last period [J]."""
         state = self._simulation.state
-        legs = self._controller.update(state.stamp_ns, state.joint_angle_rad,
-                                       state.joint_velocity_radps)
-        self._simulation.command(legs.velocity_radps)
-        self._simulation.advance(self._steps)
-        return legs
+        return self.period_s * self._simulation.rover.motor.drawn_w(state.motor_torque_nm,
+                                                                    state.joint_velocity_radps)
+
+    def has_dug_in(self) -> bool:
+        """Return whether its feet are deep in regolith."""
+        contact = self._simulation.ground_contact
+        return contact is not None and contact.dug_in
 
 
 def walk(simulation: Simulation, controller: GaitController, duration_s: float,
@@ -126,16 +145,15 @@ def walk(simulation: Simulation, controller: GaitController, duration_s: float,
     Args:
         command: Called as command(controller, stamp_ns) before each update of the controller.
     """
-    walker, state = Walker(simulation, controller), simulation.reset()
+    walker, state = Walker(simulation, by_gait(controller)), simulation.reset()
     controller.reset()
     rows: list[tuple] = []
     for _ in range(round(duration_s / walker.period_s)):
         command(controller, state.stamp_ns)
-        legs = walker.step()
-        state = simulation.state
+        state = walker.step()
         rows.append((state.stamp_ns * 1e-9, state.position_m,
                      rpy_from_wxyz(state.orientation_wxyz), state.joint_angle_rad,
-                     state.contact_force_n, legs.angle_rad, legs.phase))
+                     state.contact_force_n, walker.legs.angle_rad, walker.legs.phase))
     columns = [np.array(column) for column in zip(*rows)]
     columns[2][:, 2] = np.unwrap(columns[2][:, 2])
     return Walk(*columns)

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.base.errors import StudyError
-from lunar_rover_sim.base.files.paths import config_path
 from lunar_rover_sim.judge.studies.locomotion import (analyse, claims, PitchCurve, study,
                                                       velocity_interface)
 from lunar_rover_sim.rover.description import Chassis, RoverDescription
-from lunar_rover_sim.rover.gait.calibration import GaitCalibration
 from lunar_rover_sim.rover.physics.config import ContactConfig, PhysicsConfig
+from lunar_rover_sim.run.scenario import Scenario
 
 TIME = np.arange(0.0, 31.0, 0.005)
 
@@ -85,8 +84,7 @@ def test_a_heavier_chassis_on_the_same_support_pitches_more():
 
 @pytest.fixture(scope='module')
 def case():
-    table = GaitCalibration.load(config_path('gait_calibrations/rigid.yaml'))
-    return study(table, speeds_mps=(0.12,), gravities_mps2=(1.62,), duration_s=15.0)[0]
+    return study(Scenario.load('flat'), (0.12,), (1.62,), duration_s=15.0)[0]
 
 
 def test_what_our_physics_shows(case):

@@ -10,19 +10,17 @@ from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.judge.studies.terramechanics import (compare, comparison_text, Ground,
                                                           measure, plot_comparison, Quantity,
-                                                          walk_study, WalkSettings, write_all,
-                                                          write_walks)
+                                                          walk_study, write_all, write_walks)
 from lunar_rover_sim.judge.studies.traverse import Traverse, TraverseStore
-from lunar_rover_sim.rover.physics.config import PhysicsConfig
+from lunar_rover_sim.judge.studies.walking import with_physics
 from lunar_rover_sim.run.scenario import Scenario
 
-
-def settings(duration_s=4.5):
-    return WalkSettings(duration_s=duration_s)
+FLAT = Scenario.load('flat')
 
 
 def test_soft_ground_costs_more_than_rigid_ground_and_lets_feet_sink():
-    rigid, soft = (measure(settings(), Ground(name)) for name in ('rigid', 'highland_loose'))
+    rigid, soft = (measure(FLAT, Ground(name), duration_s=4.5)
+                   for name in ('rigid', 'highland_loose'))
     assert rigid.outcome == soft.outcome == 'walked'
     assert rigid.speed_mps == pytest.approx(0.12, rel=0.1)
     assert soft.transport > 1.15 * rigid.transport
@@ -31,7 +29,7 @@ def test_soft_ground_costs_more_than_rigid_ground_and_lets_feet_sink():
 
 def test_more_pull_than_friction_drags_the_rover_back(tmp_path):
     """Friction is 0.65; what the feet plough holds a little more."""
-    walk = measure(settings(4.0), Ground('highland_loose', pull=1.2))
+    walk = measure(FLAT, Ground('highland_loose', pull=1.2), duration_s=4.0)
     assert walk.speed_mps < 0.0 and math.isinf(walk.transport)
     text = write_all([walk], tmp_path)
     assert '| highland_loose | 0 | 1.2 | ' in text
@@ -42,13 +40,13 @@ def test_more_pull_than_friction_drags_the_rover_back(tmp_path):
 @pytest.mark.parametrize('name', ['highland_loose', 'highland', 'highland_dense'])
 def test_steps_of_1_ms_are_short_enough(name):
     """The same way within 3 % as with a quarter of the step."""
-    coarse, fine = (measure(dataclasses.replace(settings(6.0), physics=PhysicsConfig(
-        step_s=step_s)), Ground(name)).speed_mps for step_s in (0.001, 0.00025))
+    coarse, fine = (measure(with_physics(FLAT, step_s=step_s), Ground(name),
+                            duration_s=6.0).speed_mps for step_s in (0.001, 0.00025))
     assert coarse == pytest.approx(fine, rel=0.03)
 
 
 def test_a_slope_on_which_it_cannot_stand_is_a_result():
-    walk = measure(settings(), Ground('rigid', slope_deg=60.0))
+    walk = measure(FLAT, Ground('rigid', slope_deg=60.0), duration_s=4.5)
     assert walk.outcome != 'walked' or walk.speed_mps < 0.0
 
 
@@ -129,8 +127,7 @@ def test_a_resumed_study_drives_only_what_is_missing(tmp_path, capsys):
 
 
 def test_walks_on_several_grounds_are_pairs(tmp_path):
-    settings = WalkSettings(duration_s=4.2)
-    walks = walk_study(settings, ['rigid', 'highland_loose'], [0.12], [2])
+    walks = walk_study(FLAT, ['rigid', 'highland_loose'], [0.12], [2], duration_s=4.2)
     rigid, loose = walks[0.12].values()
     assert len(rigid) == len(loose) == 1 and rigid[0].speed_mps != loose[0].speed_mps
     assert all(w.outcome == 'walked' for w in (*rigid, *loose))

@@ -6,14 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from lunar_rover_sim.autonomy.path_following.config import DriveConfig
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.rocks import Rocks
 from lunar_rover_sim.judge.studies.traverse import (acceptable, CORRIDOR_M, is_stranded, obstacles,
-                                                    random_waypoints, traverse, Traverse,
-                                                    TraverseSettings)
+                                                    random_waypoints, traverse, Traverse)
 from lunar_rover_sim.judge.studies.walking import flat_world
+from lunar_rover_sim.run.scenario import Scenario
 
 
 def world_of(height, half_extent_m=13.0, cell_m=0.05):
@@ -34,8 +33,8 @@ def with_rocks(world, xy, diameter_m):
 
 
 def drive(world, seconds, **config):
-    settings = TraverseSettings(drive=DriveConfig(**config), duration_s=seconds)
-    return traverse(world, 3, settings)
+    scenario = Scenario.load('flat', {f'drive_node.{name}': config[name] for name in config})
+    return traverse(scenario, seconds, world, 3)
 
 
 def test_the_way_keeps_clear_of_what_is_too_high_and_only_of_that():

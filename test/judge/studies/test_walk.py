@@ -7,17 +7,18 @@ import pytest
 
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.base.files.paths import config_path
-from lunar_rover_sim.judge.studies import gait_measurement
 from lunar_rover_sim.judge.studies.gait_measurement import (CommandTracking, measure,
-                                                            measure_commands, measure_stride,
-                                                            MeasurementSettings)
-from lunar_rover_sim.judge.studies.walking import flat_world, walk
+                                                            measure_commands, measure_stride)
+from lunar_rover_sim.judge.studies.walking import flat_world, walk, with_physics
 from lunar_rover_sim.rover.description import Legs, RoverDescription
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration, Stride
 from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.gait.controller import GaitController
 from lunar_rover_sim.rover.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.rover.physics.simulation import Simulation
+from lunar_rover_sim.run.scenario import Scenario
+
+FLAT = Scenario.load('flat')
 
 
 @pytest.fixture(scope='module')
@@ -31,11 +32,9 @@ def simulation():
         yield simulation
 
 
-def test_commands_are_followed(table, monkeypatch):
+def test_commands_are_followed():
     # A sparse grid and short walks; `lunar_rover_sim validate locomotion` walks the whole one.
-    monkeypatch.setattr(gait_measurement, 'TRACKING_S', 15.0)
-    asked = [(0.10, 0.15), (0.25, 0.0)]
-    for each in measure_commands(asked, table):
+    for each in measure_commands(FLAT, [(0.10, 0.15), (0.25, 0.0)], measure_s=15.0):
         assert abs(each.forward_error) <= 0.10, each
         assert abs(each.yaw_error_radps) <= 0.15 * max(abs(each.commanded[1]), 0.05), each
 
@@ -83,16 +82,15 @@ def test_legs_find_their_phase_from_any_start_angle(table):
     assert np.degrees(np.abs(lag)).max() < 6.0
 
 
-def test_a_stride_advances_by_the_sweep_of_the_stance(simulation):
-    forward, yaw_rate = measure_stride(simulation, GaitConfig(), Stride(0.5), 8.0)
+def test_a_stride_advances_by_the_sweep_of_the_stance():
+    forward, yaw_rate = measure_stride(FLAT, 8.0, Stride(0.5))
     # A foot that stands still: l w / duty per cycle for small angles, l = 8 cm, w = 60 deg.
     assert forward == pytest.approx(0.5 * 0.08 * math.radians(60.0) / 0.6, rel=0.1)
     assert abs(yaw_rate) < 0.005
 
 
 def test_a_table_is_measured_and_the_workers_do_not_matter():
-    one = measure(MeasurementSettings(measure_s=1.0), (1.0,), (0.0, 1.0), workers=1)
-    two = measure(MeasurementSettings(measure_s=1.0), (1.0,), (0.0, 1.0), workers=2)
+    one, two = (measure(FLAT, (1.0,), (0.0, 1.0), measure_s=1.0, workers=k) for k in (1, 2))
     assert one == two
     assert one.forward_mps[0][0] == pytest.approx(0.13, rel=0.1)
     assert 0.2 < one.yaw_rate_radps[0][1] < 1.0
@@ -101,10 +99,10 @@ def test_a_table_is_measured_and_the_workers_do_not_matter():
 
 def test_a_table_ends_below_the_phase_rate_at_which_the_rover_tips_over():
     # At a sixteenth of the Moon's gravity the motors throw it on its back.
-    settings = MeasurementSettings(physics=PhysicsConfig(gravity_mps2=0.1), measure_s=1.0)
-    assert measure(settings, (0.5, 2.2), (0.0, 1.0)).phase_rates_hz == (0.5,)
+    light = with_physics(FLAT, gravity_mps2=0.1)
+    assert measure(light, (0.5, 2.2), (0.0, 1.0), measure_s=1.0).phase_rates_hz == (0.5,)
     with pytest.raises(StudyError, match='tips over at a phase rate of 2.2 Hz, the slowest'):
-        measure(settings, (2.2,), (0.0, 1.0))
+        measure(light, (2.2,), (0.0, 1.0), measure_s=1.0)
 
 
 def test_the_bounds_of_command_tracking():
