@@ -171,7 +171,7 @@ def command_pages() -> str:
     for name, context in contexts.items():
         command = context.command
         usage = ' '.join([context.command_path, *command.collect_usage_pieces(context)])
-        parts += [f'## `{context.command_path}`', '', cell(' '.join((command.help or '').split())),
+        parts += [f'## `{name}`', '', cell(' '.join((command.help or '').split())),
                   '', f'`{usage}`', '']
         if rows := [record for record in records[name] if record not in common]:
             parts += [*_arguments(rows), '']

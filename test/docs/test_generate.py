@@ -27,7 +27,7 @@ def test_tables_are_complete(monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(f'`{name}`' in text
                for name, _, info, _ in RenderNodeConfig().flatten(documented=True))
     text = generate.command_pages()
-    assert '## `lunar_rover_sim bag hash`' in text
+    assert '## `bag hash`' in text
     assert '| `--duration S` | simulated time [s] |' in text
 
 
