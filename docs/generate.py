@@ -110,16 +110,13 @@ def parameter_tables() -> str:
         sections[section] = [(name, value, info) for name, value, info, _
                              in cls().flatten(documented=True)
                              if name not in apart and not _followed(section, name)]
-    nodes: dict[tuple[str, object, ParamInfo], list[str]] = {}
-    for section, rows in sections.items():
-        for row in rows:
-            nodes.setdefault(row, []).append(section)
-    common = {row: names for row, names in nodes.items() if len(names) > 1}
+    counts = Counter(itertools.chain(*sections.values()))
+    common = [row for row, count in counts.items() if count > 1]
     parts = []
     for section, rows in sections.items():
         title = 'Shared by all nodes: `/**`' if section == SHARED else f'`{section}`'
         parts += [f'## {title}', '', *_rows(row for row in rows if row not in common)]
-        if further := [f'`{name}`' for name, *row in rows if (name, *row) in common]:
+        if further := [f'`{row[0]}`' for row in rows if row in common]:
             parts += ['', f'Also, from the last table, {", ".join(further)}.']
         if by_run := [f'`{name}`' for name, _, info in rows if info.by_run]:
             parts += ['', f'A run sets {", ".join(by_run)}.']
