@@ -123,7 +123,7 @@ class NavigatorNode(node_main.GraphNode):
         config = self._config
         world = load_world(config.world, verify=False) if config.world else None
         maps = OrbitalMap.load(pathlib.Path(config.maps)) if world is None or config.maps \
-            else orbital_map(world, OrbitalConfig(photo_pixel_m=0.0))
+            else orbital_map(world, OrbitalConfig(photo_pixel_m=0.0), coarse=True)
         sun = sun_of_date(config.sun, None if world is None else reported_site(world.report))
         margin = 0.0 if world is None else Site.of(world).hole_margin_m
         return GroundCosts.of(maps, config.far, (sun.azimuth_deg, sun.elevation_deg)

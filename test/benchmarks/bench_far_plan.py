@@ -51,7 +51,7 @@ def main() -> int:
     planner = Planner(grid, config, limits.radius_m, (0.0, 0.0))
     for x in range(-WAY_M, 1):
         known.add(grid.origin_m + (x, 0.0), planner.blocked, planner.unknown, planner.room_m)
-    costs = GroundCosts.of(orbital_map(world, OrbitalConfig(photo_pixel_m=0.0)))
+    costs = GroundCosts.of(orbital_map(world, OrbitalConfig(photo_pixel_m=0.0), coarse=True))
     far = GlobalPlanConfig()
     GlobalPlan(costs, (0.0, 0.0), [(20.0, 0.0)]).replan((0.0, 0.0))     # compiles
     for distance in DISTANCES_M:

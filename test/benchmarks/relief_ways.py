@@ -19,24 +19,22 @@ from lunar_rover_sim import Scenario
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, se3, wxyz_from_rpy
 from lunar_rover_sim.ground.world import rockfield, shapes
 from lunar_rover_sim.ground.world.build import Builder
-from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.grid import HeightGrid
-from lunar_rover_sim.ground.world.mapped_ground import MappedGround, on_axes
 from lunar_rover_sim.ground.world.orbital_making import orbital_map
 from lunar_rover_sim.ground.world.orbital_map import bilinear, OrbitalConfig, OrbitalMap
 from lunar_rover_sim.ground.world.rocks import Rocks
 from lunar_rover_sim.ground.world.shade import add_domes, shadow
+from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.image.stereo.seen_depth import ERROR_PX, UNMATCHED, WRONG, WRONG_PX
 
-HALF_M, COARSE = 176.0, 2               # of the map around the start, and its level of heights
+HALF_M, COARSE = 172.0, 2               # of the map around the start; level of heights of courses
 STEP_M = 0.5                            # between looks, as between keyframes of fast drives
 CORNERS = 250                           # pixels of a look; some see the dark, or the sky
 _FINE, _AROUND_M = 1, 12.0              # level of heights that are seen; so far from the way
 _NEAR_M, _RANGE_M, _MARCH_M = 0.3, 8.0, 0.08
 _LEAST_PX = 1.5                         # of a disparity, as in the graph
 _LEAST_ROCK_M, _ROOM_M = 0.3, 0.6       # of a rock; from its side to the way
-_NO_CRATERS = Craters.join([])
 _STEEP, _WOBBLE_RAD = math.tan(math.radians(14.0)), math.radians(2.0)
 
 
@@ -56,15 +54,9 @@ class Way:
 
 
 def orbital(seed: int, pixel_m: float) -> OrbitalMap:
-    """Return the map around the origin of a site from orbit, with errors of its own."""
-    config = Scenario.load('site').world.with_seed(seed)
-    grid = _coarse(Builder(config))
-    first = grid.box_m[0], grid.box_m[2]
-    ground = MappedGround(
-        lambda x, y: on_axes(grid.heights_m, first, grid.cell_m, x, y),
-        lambda x, y: np.ones((len(y), len(x))), HALF_M - 4.0, lambda _: _NO_CRATERS,
-        lambda _least_m, _box: rockfield.no_rocks(config.rocks), {}, '')
-    return orbital_map(ground, OrbitalConfig(pixel_m=pixel_m, photo_pixel_m=0.0, error_seed=seed))
+    """Return the maps around the origin of a site from orbit, with errors of its own."""
+    return orbital_map(Site(Scenario.load('site').world.with_seed(seed)), OrbitalConfig(
+        extent_m=2.0 * HALF_M, pixel_m=pixel_m, error_seed=seed))
 
 
 def way(seed: int, length_m: float, folder: Path) -> Way:

@@ -61,13 +61,13 @@ class MappedGround:
     origin_m: tuple[float, float] = (0.0, 0.0)
 
     @staticmethod
-    def of(ground: World | Site, pixel_m: float) -> MappedGround:
+    def of(ground: World | Site, cell_m: float) -> MappedGround:
         """Return the ground of a site; of a world that is its own only window, its levels.
 
         Heights of a site are those over the sphere, as all its windows have them where one drives.
 
         Args:
-            pixel_m: Of the map; the ground is on cells that are not larger.
+            cell_m: The ground is on the coarsest cells that are not larger.
 
         Raises:
             WorldError: If the site cannot be built.
@@ -76,7 +76,7 @@ class MappedGround:
         world = ground if isinstance(ground, World) else site.window(site.middle((0.0, 0.0)))
         crs, origin = projected_origin(world)
         if isinstance(site, Site):
-            parts: _SiteTiles | _Levels = _SiteTiles(site, pixel_m)
+            parts: _SiteTiles | _Levels = _SiteTiles(site, cell_m)
         else:
             parts = _Levels(world)
         return MappedGround(parts.heights, parts.albedo, parts.half_extent_m, parts.craters,
@@ -141,10 +141,10 @@ class _Tile(Area):
 class _SiteTiles:
     """All of a site, on cells of one level; tiles of two rows are in memory at a time."""
 
-    def __init__(self, site: Site, pixel_m: float) -> None:
+    def __init__(self, site: Site, cell_m: float) -> None:
         self._builder, self._config = Builder(site.config), site.config
         cells = self._builder.cells
-        self._level = max((k for k, cell in enumerate(cells) if cell <= pixel_m), default=0)
+        self._level = max((k for k, cell in enumerate(cells) if cell <= cell_m), default=0)
         self._cell = cells[self._level]
         self.half_extent_m = site.half_extent_m
         self._box = widened(box_around((0.0, 0.0), site.half_extent_m), _AROUND_M)

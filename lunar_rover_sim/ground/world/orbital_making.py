@@ -38,20 +38,23 @@ _TRUNCATE = 4.0             # standard deviations of the kernel of the errors
 
 
 def orbital_map(ground: World | Site | MappedGround, config: OrbitalConfig = OrbitalConfig(),
-                progress: Progress | None = None) -> OrbitalMap:
+                progress: Progress | None = None, *, coarse: bool = False) -> OrbitalMap:
     """Return the maps of a site from orbit.
 
     Args:
         ground: A site, or a world: all of the site of which it is a window.
         config: Extent, pixels, sun of the photo, errors and their seed.
         progress: Called with what is being made and the fraction done so far.
+        coarse: Take a site's ground on cells as large as pixels, which is made much faster: craters
+            of a few pixels are missing, and others have a slightly other shape.
 
     Raises:
         WorldError: If the map would have fewer than 8 pixels along a side or more than 12,000, or
             reaches beyond the ground.
     """
     source = ground if isinstance(ground, MappedGround) else MappedGround.of(
-        ground, config.pixel_m)
+        ground, config.pixel_m if coarse else
+        min(0.5 * config.pixel_m, config.photo_pixel_m or config.pixel_m))
     tell = progress or (lambda what, fraction: None)
     half = 0.5 * config.extent_m or source.half_extent_m
     if half > source.half_extent_m:
@@ -70,7 +73,8 @@ def orbital_map(ground: World | Site | MappedGround, config: OrbitalConfig = Orb
     if config.photo_pixel_m:
         photo = _photo(source, half, config, true, lambda share: tell('photo', share))
     axis = np.asarray(first + config.pixel_m * np.arange(n), np.float64)
-    heights = (true + _height_errors(config, axis)).astype(np.float32)
+    heights = (_smoothed(true, config.smooth_m / config.pixel_m)
+               + _height_errors(config, axis)).astype(np.float32)
     for array in (heights, photo):
         array.setflags(write=False)
     photo_first = 0.5 * (1 - len(photo)) * config.photo_pixel_m
@@ -110,6 +114,15 @@ def _true_heights(source: MappedGround, half_m: float, pixel_m: float,
         x, y = (_sample_axis(part, n, pixel_m, samples) for part in (columns, rows))
         heights[rows, columns] = _means(source.heights(x, y), samples)
     return heights
+
+
+def _smoothed(heights_m: F32, sigma_px: float) -> F32:
+    """Return heights through a Gaussian; what is missing stays so, and counts for nothing."""
+    known = np.isfinite(heights_m)
+    weight = scipy.ndimage.gaussian_filter(known.astype(np.float32), sigma_px, mode='nearest')
+    total = scipy.ndimage.gaussian_filter(np.where(known, heights_m, np.float32(0.0)), sigma_px,
+                                          mode='nearest')
+    return np.where(known, total / np.maximum(weight, np.float32(1e-6)), heights_m)
 
 
 def _height_errors(config: OrbitalConfig, axis_m: Array) -> Array:

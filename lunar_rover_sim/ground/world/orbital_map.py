@@ -43,6 +43,8 @@ class OrbitalConfig(Parameters):
     pixel_m: float = param(2.0, 'side of a pixel of the heights', unit='m', low=0.2, high=100.0)
     photo_pixel_m: float = param(1.0, 'side of a pixel of the photo; 0: no photo', unit='m',
                                  low=0.0, high=100.0)
+    smooth_m: float = param(2.0, 'standard deviation of the Gaussian through which heights are '
+                            'seen: stereo resolves a few pixels', unit='m', low=0.0, high=100.0)
     height_stddev_m: float = param(0.5, 'error of a height', unit='m', low=0.0, high=100.0)
     correlation_m: float = param(20.0, 'distance at which the correlation of that error has '
                                  'fallen to 1/e, as a Gaussian', unit='m', low=0.0, high=1000.0)

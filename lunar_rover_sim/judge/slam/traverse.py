@@ -121,7 +121,7 @@ def anchor_of(drive: Drive, maps: Path, reach_m: float) -> Anchor:
     if not (folder / ABOUT_FILE).exists():      # it is written last
         site = Site(scenario.world, drive.seed)
         half = min(half, site.half_extent_m)
-        orbital_map(site, OrbitalConfig(extent_m=2.0 * half, photo_pixel_m=0.0,
+        orbital_map(site, OrbitalConfig(extent_m=2.0 * half,
                                         error_seed=drive.seed)).save(folder)
     return Anchor(OrbitalMap.load(folder), Doubt(place, DOUBT_M))
 

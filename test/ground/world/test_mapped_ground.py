@@ -17,7 +17,7 @@ from lunar_rover_sim.ground.world.site import Site
 RECIPE = {'size_m': 25.6, 'cell_m': 0.1, 'site_km': 0.5, 'rocks': {'abundance': 0.05},
           'craters': {'max_diameter_m': 30.0},
           'surroundings': {'samples': 65, 'extent_m': 60.0}}
-TRUE = OrbitalConfig(photo_pixel_m=0.0, height_stddev_m=0.0, bias_stddev_m=0.0,
+TRUE = OrbitalConfig(photo_pixel_m=0.0, smooth_m=0.0, height_stddev_m=0.0, bias_stddev_m=0.0,
                      tilt_stddev_deg=0.0, crater_place_m=0.0, crater_size=0.0)
 FAR = (-179.2, 230.4)
 

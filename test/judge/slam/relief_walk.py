@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, se3, wxyz_from_rpy
 from lunar_rover_sim.ground.world.orbital_map import MappedCraters, OrbitalConfig, OrbitalMap
+from lunar_rover_sim.ground.world.shade import shaded
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor
 from lunar_rover_sim.judge.slam.graph.pose_graph import PoseGraph
 
@@ -38,12 +39,26 @@ def height_at(seed: int, xy_m: Array) -> Array:
     return np.asarray(found.reshape(place.shape[:-1]))
 
 
+def _means(values: Array, pixel_m: float) -> Array:
+    factor = round(pixel_m / _CELL_M)
+    rows = len(values) // factor
+    return np.asarray(values.reshape(rows, factor, rows, factor).mean(axis=(1, 3)))
+
+
+def with_photo(orbital: OrbitalMap, seed: int) -> OrbitalMap:
+    """Return a map with a photo of the ground of a seed, of 1 m a pixel."""
+    config = dataclasses.replace(orbital.config, photo_pixel_m=1.0)
+    light = shaded(heights(seed).astype(np.float32), _CELL_M, config.sun_azimuth_deg,
+                   config.sun_elevation_deg)
+    first = -_HALF_M + 0.5 * config.photo_pixel_m
+    photo = np.clip(230.0 * _means(light, config.photo_pixel_m), 1.0, 255.0).astype(np.uint8)
+    return dataclasses.replace(orbital, config=config, photo=photo, photo_first_m=(first, first))
+
+
 def orbital(seed: int) -> OrbitalMap:
     """Return a map of 2 m a pixel with the errors that it states."""
     config = OrbitalConfig(photo_pixel_m=0.0, bias_stddev_m=1.0, tilt_stddev_deg=0.0)
-    factor = round(config.pixel_m / _CELL_M)
-    rows = len(heights(seed)) // factor
-    mean = heights(seed).reshape(rows, factor, rows, factor).mean(axis=(1, 3))
+    mean = _means(heights(seed), config.pixel_m)
     rng = np.random.default_rng([seed, 1])
     # Filtered noise is alike by exp(-(d / 2 sigma)^2).
     error = gaussian_filter(rng.standard_normal(mean.shape),

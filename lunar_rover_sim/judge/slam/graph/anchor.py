@@ -22,9 +22,11 @@ from scipy.stats import chi2
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.frames import Array, inverse, se3
 from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
-from lunar_rover_sim.judge.slam.graph.map_match import (Cells, chance, LEAST_SIDE, Match, match,
-                                                        Relief)
+from lunar_rover_sim.judge.slam.graph.map_match import (chance, LEAST_CELLS, LEAST_SIDE,
+                                                        Likelihood, Match, match)
+from lunar_rover_sim.judge.slam.graph.photo import Photo
 from lunar_rover_sim.judge.slam.graph.pose_graph import PoseGraph
+from lunar_rover_sim.judge.slam.graph.relief import Cells, Relief
 
 # What is known of the place: not yet; since the first fix; not any more; the heading is not known.
 PLACES = LOOKING, FIXED, LOST, NOT_USED = 'looking', 'fixed', 'lost', 'not used'
@@ -85,7 +87,7 @@ class Anchor:
         self._orbital, self._radius_m = orbital, r
         height = float(np.nan_to_num(orbital.height_at([x, y])))
         self._shift_m = np.array([x, y, height])        # what is believed before it looks
-        self._relief = Relief(_MOST_M)
+        self._relief, self._photo = Relief(_MOST_M), Photo.of(orbital)
         self._next_m = _FIRST_M
         self._key = _SITE
         self._seen_before: Match | None = None      # the last look without a fix
@@ -145,18 +147,21 @@ class Anchor:
         if self.is_fixed and self._relief.seen_m < _STRETCH_M:
             return ''
         self._next_m = self._relief.way_m + _EVERY_M
-        cells = self._relief.cells(graph.poses() if poses is None else poses,
-                                   min(self._orbital.pixel_m, _MOST_CELL_M))
-        if cells is None:
+        poses = graph.poses() if poses is None else poses
+        cells = self._relief.cells(poses, min(self._orbital.pixel_m, _MOST_CELL_M))
+        if cells is None or len(cells) < LEAST_CELLS:
             return ''
+        facets = None if self._photo is None else self._relief.facets(
+            poses, min(self._photo.pixel_m, _MOST_CELL_M))
+        likelihood = Likelihood(self._orbital, cells, self._photo, facets)
         self.looks += 1
         if self.is_fixed:
-            return self._follow(graph, cells)
-        return self._find(graph, cells)
+            return self._follow(graph, cells, likelihood)
+        return self._find(graph, cells, likelihood)
 
-    def _find(self, graph: PoseGraph, cells: Cells) -> str:
+    def _find(self, graph: PoseGraph, cells: Cells, likelihood: Likelihood) -> str:
         """Look everywhere within the doubt."""
-        found = match(self._orbital, cells, self._shift_m[:2], self._radius_m)
+        found = match(likelihood, self._shift_m[:2], self._radius_m)
         before, self._seen_before = self._seen_before, None
         if found is None:
             return ''
@@ -165,7 +170,7 @@ class Anchor:
             return ''
         # One look in a hundred at a wrong map is sure; two in a row hardly ever are.
         is_sure = (found.others <= _OTHERS and found.sigma_m <= _SURE_M
-                   and chance(self._orbital, cells, self._shift_m[:2], self._radius_m,
+                   and chance(likelihood, self._shift_m[:2], self._radius_m,
                               found) <= _CHANCE)
         if not is_sure:
             return ''
@@ -184,14 +189,14 @@ class Anchor:
         return (f'its place on the map from orbit is found, {moved:.1f} m from where it was '
                 f'believed, to {found.sigma_m:.1f} m')
 
-    def _follow(self, graph: PoseGraph, cells: Cells) -> str:
+    def _follow(self, graph: PoseGraph, cells: Cells, likelihood: Likelihood) -> str:
         """Look around the estimate."""
         T, P = self.told(graph, cells.key)
         R = T[:3, :3]
         here = R @ P[3:, 3:] @ R.T
         reach = _AROUND_M + 3.0 * math.sqrt(max(0.0, np.linalg.eigvalsh(here[:2, :2])[-1]))
         believed = self._shift_of(graph)
-        found = match(self._orbital, cells, believed[:2], reach)
+        found = match(likelihood, believed[:2], reach)
         self._relief.forget()
         if found is None:
             return ''
