@@ -97,6 +97,29 @@ def test_the_stars_tell_what_the_accelerometers_are_off(steps):
 
 
 @needs_gtsam
+def test_the_bias_of_the_gyroscope_is_learnt(steps):
+    """It grows for 40 s, under stars and with images; then the rover turns by it for 30 s."""
+    def change(k, step):
+        rates = step.aids.inertial.rates_radps + [0.0, 0.0, 1e-4 * min(k, 40)]
+        aids = dataclasses.replace(
+            step.aids, sun=step.aids.sun if k < 5 else None,
+            inertial=step.aids.inertial._replace(rates_radps=rates))
+        if k < 40:
+            return dataclasses.replace(step, aids=aids)
+        return dataclasses.replace(step, left=None, right=None,
+                                   aids=dataclasses.replace(aids, stars=None))
+
+    graph = GraphOdometry(closed_way.CAMERA, closed_way.T_BASE_LEFT, synthetic.GRAVITY,
+                          gyro_walk=5e-4)
+    answers = [graph.add(*change(k, step).given) for k, step in enumerate(steps[:70])]
+    R = (steps[69].T_world_base @ closed_way.T_BASE_LEFT)[:3, :3]
+    error = Rotation.from_matrix(R.T @ answers[-1].T_map_left[:3, :3]).magnitude()
+    assert graph.counts.stars_refused == 0
+    assert error < 2.0 * np.sqrt(answers[-1].covariance[3:, 3:].trace())
+    assert error < 0.3 * 4e-3 * 30.0        # of what the bias turns
+
+
+@needs_gtsam
 def test_without_images_the_covariance_grows_and_loops_bring_it_back(steps):
     """20 s on wheels alone: no pose leaps, and the deviation covers the error."""
     gone = range(25, 45)

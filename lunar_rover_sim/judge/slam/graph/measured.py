@@ -18,7 +18,6 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, rpy_from_wxyz
 
 _MEMORY_NS = 30_000_000_000     # of inertial samples
-_FIRST_BIAS_MPS2 = 0.01         # standard deviation of the bias at the start
 
 
 class Wheels(NamedTuple):
@@ -82,22 +81,23 @@ class Up(NamedTuple):
     time_s: float
 
 
-class AccelerometerBias:
-    """The bias of the accelerometers, learnt where something else tells the attitude.
-
-    A Kalman filter of a random walk. On the Moon a bias tilts what counts as up six times as much
-    as on Earth.
+class WalkingBias:
+    """A bias that walks at random, learnt where something else tells what was to be measured.
 
     Attributes:
-        mps2: (3,) bias [m/s^2].
+        value: (3,) bias.
         covariance: (3, 3) of it.
     """
 
-    def __init__(self, walk: float) -> None:
-        """Begin with a walk [m/s^3/sqrt(Hz)]; without one there is no bias."""
+    def __init__(self, walk: float, first: float) -> None:
+        """Begin.
+
+        Args:
+            walk: Random walk, units of the bias for each root of a second.
+            first: Standard deviation at the start.
+        """
         self._walk, self._ns = walk, 0
-        first = _FIRST_BIAS_MPS2 if walk else 0.0
-        self.mps2, self.covariance = np.zeros(3), first**2 * np.eye(3)
+        self.value, self.covariance = np.zeros(3), first**2 * np.eye(3)
 
     def walk_to(self, stamp_ns: int) -> None:
         """Take it that time has passed."""
@@ -105,25 +105,24 @@ class AccelerometerBias:
             self.covariance += self._walk**2 * (stamp_ns - self._ns) * 1e-9 * np.eye(3)
         self._ns = stamp_ns
 
-    def learn(self, up: Up, expected_mps2: Array, variance: float) -> None:
-        """Take what was measured where (3,) was to be expected, each with a variance."""
-        H = up.turn
-        S = H @ self.covariance @ H.T + variance * np.eye(3)
+    def learn(self, H: Array, off: Array, covariance: Array) -> None:
+        """Take by how much a measurement was off (3,), beside `H @ value`, as a Kalman filter."""
+        S = H @ self.covariance @ H.T + covariance
         gain = np.linalg.solve(S, H @ self.covariance).T
-        self.mps2 = self.mps2 + gain @ (up.force_mps2 - expected_mps2 - H @ self.mps2)
+        self.value = self.value + gain @ off
         self.covariance = self.covariance - gain @ H @ self.covariance
-
-    def without(self, up: Up) -> tuple[Array, float]:
-        """Return a specific force (3,) without the bias, and the variance of what is left."""
-        left = up.turn @ self.covariance @ up.turn.T
-        return up.force_mps2 - up.turn @ self.mps2, float(np.linalg.eigvalsh(left)[-1])
 
 
 class Turns:
-    """Rotations between stamps, and which way is up, from the last inertial samples."""
+    """Rotations between stamps, and which way is up, from the last inertial samples.
+
+    Attributes:
+        bias_radps: (3,) bias of the rates, which is taken off.
+    """
 
     def __init__(self) -> None:
         self._samples: deque[tuple[int, Array, Array]] = deque()
+        self.bias_radps = np.zeros(3)
 
     def add(self, inertial: Inertial) -> None:
         """Take samples; those that are old are forgotten."""
@@ -146,7 +145,7 @@ class Turns:
         stamps, rates, _ = within
         steps = np.diff(np.append(start_ns, stamps)) * 1e-9
         turn = Rotation.identity()
-        for step in Rotation.from_rotvec(rates * steps[:, None]):
+        for step in Rotation.from_rotvec((rates - self.bias_radps) * steps[:, None]):
             turn = turn * step
         return np.asarray(turn.as_matrix())
 
@@ -159,7 +158,7 @@ class Turns:
         total, turns, turn, later = np.zeros(3), np.zeros((3, 3)), Rotation.identity(), end_ns
         for ns, rate, force in zip(stamps[::-1], rates[::-1], forces[::-1]):
             # turn: R_end_sample
-            turn = turn * Rotation.from_rotvec(-rate * (later - ns) * 1e-9)
+            turn = turn * Rotation.from_rotvec((self.bias_radps - rate) * (later - ns) * 1e-9)
             total, turns, later = total + turn.apply(force), turns + turn.as_matrix(), ns
         return Up(total / len(stamps), turns / len(stamps), (end_ns - start_ns) * 1e-9)
 

@@ -24,7 +24,7 @@ from lunar_rover_sim.base.frames import Array, inverse, se3
 from lunar_rover_sim.judge.evaluation.trajectory import Stamps, Trajectory, wxyz
 from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor
-from lunar_rover_sim.judge.slam.graph.measured import (AccelerometerBias, Aids, Stars, Sun, Turns,
+from lunar_rover_sim.judge.slam.graph.measured import (Aids, Stars, Sun, Turns, WalkingBias,
                                                        Wheels)
 from lunar_rover_sim.judge.slam.graph.places import Keyframe, keyframe, Places
 from lunar_rover_sim.judge.slam.graph.pose_graph import (adjoint, composed, difference, fused,
@@ -40,7 +40,11 @@ _LOOP_GAP = 8                   # keyframes that a loop is long at least
 _LOOP_CANDIDATES = 2
 _MOST_SPEED_MPS = 0.3           # without anything that measures it, for the standard deviation
 _MOST_RATE_RADPS = 0.3
-_GYRO_RAD, _GYRO_RADPS = 5e-4, 3e-4     # error of a turn by the gyroscope: for each root s; each s
+_GYRO_RAD = 5e-4        # error of a turn by the gyroscope, for each root of a second
+# Standard deviations of biases at the start; of a turn by images, what all images have in common;
+# how far two attitudes by stars are apart that tell the bias of the gyroscope.
+_FIRST_ACCEL_MPS2, _FIRST_GYRO_RADPS = 0.01, 3e-4
+_IMAGES_RAD, _STARS_NS = 5e-4, 15_000_000_000
 # Gravity is a mean over some seconds, in which a step counts little. The speed changes by so much
 # between their ends, and so much of tilt stays.
 _UP_NS = 8_000_000_000
@@ -117,6 +121,7 @@ class GraphOdometry:
         T_base_left: (4, 4) mount of the left camera.
         gravity_mps2: That the accelerometers feel.
         accel_walk: Random walk of their bias [m/s^3/sqrt(Hz)].
+        gyro_walk: That of the gyroscope [rad/s^2/sqrt(Hz)].
         loops: Whether loops are looked for.
         anchor: Finds the place of the map on a site; poses are those in the site then.
 
@@ -126,7 +131,7 @@ class GraphOdometry:
 
     def __init__(self, camera: Camera, T_base_left: Array, gravity_mps2: float,
                  loops: bool = True, anchor: Anchor | None = None,
-                 accel_walk: float = 0.0) -> None:
+                 accel_walk: float = 0.0, gyro_walk: float = 0.0) -> None:
         if not camera.baseline_m > 0.0:
             raise SlamError('baseline: 0 is not valid; the graph needs a stereo pair')
         self._camera, self._T_base_left = camera, np.array(T_base_left)
@@ -134,7 +139,11 @@ class GraphOdometry:
         self._gravity_mps2, self._loops = gravity_mps2, loops
         self._graph, self._anchor = PoseGraph(), anchor
         self._places = Places()
-        self._turns, self._bias = Turns(), AccelerometerBias(accel_walk)
+        self._turns = Turns()
+        self._accel_bias = WalkingBias(accel_walk, _FIRST_ACCEL_MPS2 if accel_walk else 0.0)
+        self._gyro_bias = WalkingBias(gyro_walk, _FIRST_GYRO_RADPS)
+        self._attitude: Stars | None = None     # by which the bias of the gyroscope is learnt next
+        self._attitude_ns = 0                   # when stars told the attitude last
         self.counts = Counts()
         self._first_key = 0
         self._key = -1                          # of the last keyframe
@@ -160,7 +169,8 @@ class GraphOdometry:
            anchor: Anchor | None = None) -> GraphOdometry:
         """Return the graph for the sensors of a bag."""
         return cls(Camera.of(suite), suite.T_base_imu @ suite.T_imu_left, suite.gravity_mps2,
-                   loops, anchor, suite.noise.accel_bias_random_walk)
+                   loops, anchor, suite.noise.accel_bias_random_walk,
+                   suite.noise.gyro_bias_random_walk)
 
     def __repr__(self) -> str:
         return f'GraphOdometry({self.counts})'
@@ -268,10 +278,20 @@ class GraphOdometry:
             half = Rotation.from_matrix(T[:3, :3]).inv().as_rotvec() / 2
             half += Rotation.from_matrix(turn).as_rotvec() / 2
             T = se3(turn, Rotation.from_rotvec(half).apply(T[:3, 3]))
-            gyro = _GYRO_RAD**2 * dt + (_GYRO_RADPS * dt)**2
             covariance[:3, :] = covariance[:, :3] = 0.0
-            covariance[:3, :3] = gyro * np.eye(3)
+            covariance[:3, :3] = self._gyro_covariance(stamp_ns)
         return T, covariance
+
+    def _gyro_covariance(self, stamp_ns: int) -> Array:
+        """Return the covariance (3, 3) of a turn by the gyroscope since the last keyframe.
+
+        A bias turns the rover the same way all the time: what it adds to the variance grows with
+        the time since stars told the attitude.
+        """
+        dt = max(1e-3, (stamp_ns - self._stamp_ns) * 1e-9)
+        gone = max(0.0, (self._stamp_ns - self._attitude_ns) * 1e-9)
+        return np.asarray(_GYRO_RAD**2 * dt * np.eye(3)
+                          + self._gyro_bias.covariance * (2.0 * gone + dt) * dt)
 
     def _is_due(self, motion: Motion, left: Image | None) -> bool:
         assert left is not None
@@ -305,6 +325,7 @@ class GraphOdometry:
     def _make_keyframe(self, stamp_ns: int, left: Image | None, right: Image | None, aids: Aids,
                        motion: Motion | None, guess: Array, guess_covariance: Array) -> str:
         new = None
+        self._gyro_bias.walk_to(stamp_ns)
         if left is not None and right is not None:
             new = keyframe(self._camera, left, right)
             if motion is None and self._keyframe is not None:
@@ -315,6 +336,10 @@ class GraphOdometry:
             relative, covariance = self._in_base(motion)
             error = difference(relative, guess)
             S = covariance + guess_covariance
+            turn = self._turns.between(self._stamp_ns, stamp_ns)
+            if turn is not None:
+                self._learn_turn(relative[:3, :3], turn, covariance[:3, :3]
+                                 + _IMAGES_RAD**2 * np.eye(3), (stamp_ns - self._stamp_ns) * 1e-9)
             if error @ np.linalg.solve(S, error) > gate(6):
                 self.counts.wheels_refused += 1     # geometry has checked the images
             else:
@@ -398,7 +423,7 @@ class GraphOdometry:
     def _hold_attitude(self, key: int, stamp_ns: int, T: Array, P: Array) -> None:
         turn = P[:3, :3]
         stars = self._stars_at(stamp_ns)
-        self._bias.walk_to(stamp_ns)
+        self._accel_bias.walk_to(stamp_ns)
         if stars is not None:
             R, covariance = stars
             error = Rotation.from_matrix(T[:3, :3].T @ R).as_rotvec()
@@ -407,6 +432,8 @@ class GraphOdometry:
                 stars = None
             else:
                 self._graph.attitude(key, R, covariance)
+                self._attitude_ns = stamp_ns
+                self._learn_turn_by(self._stars)
         self._hold_up(key, stamp_ns, stars)
         seen = self._sun_at(stamp_ns)
         if seen is not None:
@@ -419,6 +446,28 @@ class GraphOdometry:
                 self._graph.direction(key, seen[1], seen[0], _SUN_RAD)
         self._sun = self._stars = None
 
+    def _learn_turn_by(self, stars: Stars | None) -> None:
+        """Learn the bias of the gyroscope by two attitudes that stars told."""
+        assert stars is not None
+        before = self._attitude
+        if before is not None and stars.stamp_ns - before.stamp_ns < _STARS_NS:
+            return
+        self._attitude = stars
+        turn = None if before is None else self._turns.between(before.stamp_ns, stars.stamp_ns)
+        if before is None or turn is None:
+            return
+        R = stars.R_map_base
+        covariance = R.T @ (before.covariance_rad2 + stars.covariance_rad2) @ R
+        self._learn_turn(before.R_map_base.T @ R, turn, covariance,
+                         (stars.stamp_ns - before.stamp_ns) * 1e-9)
+
+    def _learn_turn(self, told: Array, by_gyro: Array, covariance: Array, time_s: float) -> None:
+        """Learn the bias of the gyroscope by a turn (3, 3) that something else told."""
+        self._gyro_bias.learn(
+            time_s * np.eye(3), Rotation.from_matrix(told.T @ by_gyro).as_rotvec(),
+            covariance + _GYRO_RAD**2 * time_s * np.eye(3))
+        self._turns.bias_radps = self._gyro_bias.value
+
     def _hold_up(self, key: int, stamp_ns: int, stars: tuple[Array, Array] | None) -> None:
         """Hold the attitude by gravity, or learn by the stars what the accelerometers are off."""
         if stars is None and stamp_ns - self._up_ns < _UP_NS:
@@ -429,14 +478,16 @@ class GraphOdometry:
                 0.5 < np.linalg.norm(up.force_mps2) / self._gravity_mps2 < 2.0):
             return
         change = (_SPEED_CHANGE_MPS / up.time_s)**2
+        force = up.force_mps2 - up.turn @ self._accel_bias.value
         if stars is not None:
             R, covariance = stars
-            self._bias.learn(up, self._gravity_mps2 * R[2], change + self._gravity_mps2**2
-                             * float(np.linalg.eigvalsh(covariance)[-1]))
+            variance = change + self._gravity_mps2**2 * float(np.linalg.eigvalsh(covariance)[-1])
+            self._accel_bias.learn(up.turn, force - self._gravity_mps2 * R[2],
+                                   variance * np.eye(3))
             return
-        force, left = self._bias.without(up)
+        left = np.linalg.eigvalsh(up.turn @ self._accel_bias.covariance @ up.turn.T)[-1]
         self._graph.direction(key, np.array([0.0, 0.0, 1.0]), force, math.sqrt(
-            _TILT_RAD**2 + (change + _ALIKE * left) / self._gravity_mps2**2))
+            _TILT_RAD**2 + (change + _ALIKE * float(left)) / self._gravity_mps2**2))
 
     def _sun_at(self, stamp_ns: int) -> tuple[Array, Array] | None:
         """Return the direction to the sun in base axes at a stamp, and that in the map."""
