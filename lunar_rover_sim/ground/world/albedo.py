@@ -160,7 +160,8 @@ def _patches(seed: int, wavelength_m: float, first: tuple[float, float], shape: 
     pitch = _PITCH * wavelength_m
     places = [(f + np.arange(n)) * cell_m / pitch for f, n in zip(first, shape[::-1])]
     begin = [math.floor(place[0]) - 1 - _TAPS for place in places]
-    count = [math.floor(place[-1]) + 3 + _TAPS - b for place, b in zip(places, begin)]
+    # One more than the spline needs: a fraction that is nearly 1 may be rounded up below.
+    count = [math.floor(place[-1]) + 4 + _TAPS - b for place, b in zip(places, begin)]
     noise = streams.blocks(seed, f'albedo {wavelength_m:g} m', (begin[0], begin[1]),
                            (count[1], count[0]), 64).astype(np.float64)
     noise -= 0.5

@@ -45,8 +45,8 @@ def orbital_map(ground: World | Site | MappedGround, config: OrbitalConfig = Orb
         ground: A site, or a world: all of the site of which it is a window.
         config: Extent, pixels, sun of the photo, errors and their seed.
         progress: Called with what is being made and the fraction done so far.
-        coarse: Take a site's ground on cells as large as pixels, which is made much faster: craters
-            of a few pixels are missing, and others have a slightly other shape.
+        coarse: Take a site's ground on cells as large as pixels, which is made much faster;
+            craters of a few pixels are missing, and others have a slightly other shape.
 
     Raises:
         WorldError: If the map would have fewer than 8 pixels along a side or more than 12,000, or

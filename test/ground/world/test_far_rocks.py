@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import worlds
 
-from lunar_rover_sim.ground.world.albedo import far_albedo, RECIPE
+from lunar_rover_sim.ground.world.albedo import coarse_change, far_albedo, RECIPE
 from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.far_rocks import far_rocks, least_diameter_m
 from lunar_rover_sim.ground.world.grid import HeightGrid
@@ -148,6 +148,19 @@ def test_patches_of_the_finest_wavelength_show_where_cells_are_fine_enough(world
         roughness.append(np.var(outer[:, lag:] - outer[:, :-lag]) / 2.0)
     fine = 0.035**2 * 0.4**2
     assert roughness[0] - roughness[1] == pytest.approx(fine, rel=0.5)
+
+
+@pytest.mark.parametrize(('cell_m', 'n', 'middle_m'), [(0.1, 385, -38.400000000000006),
+                                                       (0.2, 257, -64.0)])
+def test_patches_of_places_that_rounding_moves_to_the_next_sample(world, cell_m, n, middle_m):
+    """The last place is so near to a whole one that its fraction is rounded up to 1."""
+    flat = dataclasses.replace(world.config, seed=3, albedo=dataclasses.replace(
+        world.config.albedo, fresh_crater=0.0))
+    first = middle_m / cell_m - 0.5 * (n - 1)
+    whole, less = (coarse_change(flat, (first, first), (size, size), cell_m, Craters.join([]))
+                   for size in (n, n - 1))
+    np.testing.assert_allclose(whole[:-1, :-1], less, atol=1e-6)
+    assert np.abs(np.diff(whole[-3:], axis=0)).max() < 0.1 * np.ptp(whole)
 
 
 def test_levels_show_the_same_patches(world):

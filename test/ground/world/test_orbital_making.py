@@ -14,8 +14,8 @@ from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.orbital_making import orbital_map
 from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig, OrbitalMap
 
-TRUE = OrbitalConfig(extent_m=300.0, photo_pixel_m=0.0, smooth_m=0.0, height_stddev_m=0.0, bias_stddev_m=0.0,
-                     tilt_stddev_deg=0.0, crater_place_m=0.0, crater_size=0.0)
+TRUE = OrbitalConfig(extent_m=300.0, photo_pixel_m=0.0, smooth_m=0.0, height_stddev_m=0.0,
+                     bias_stddev_m=0.0, tilt_stddev_deg=0.0, crater_place_m=0.0, crater_size=0.0)
 
 
 @pytest.fixture(scope='module', name='world')

@@ -24,8 +24,7 @@ from lunar_rover_sim.base.frames import Array, inverse, se3
 from lunar_rover_sim.judge.evaluation.trajectory import Stamps, Trajectory, wxyz
 from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor
-from lunar_rover_sim.judge.slam.graph.measured import (Aids, Stars, Sun, Turns, WalkingBias,
-                                                       Wheels)
+from lunar_rover_sim.judge.slam.graph.measured import Aids, Stars, Sun, Turns, WalkingBias, Wheels
 from lunar_rover_sim.judge.slam.graph.places import Keyframe, keyframe, Places
 from lunar_rover_sim.judge.slam.graph.pose_graph import (adjoint, composed, difference, fused,
                                                          gate, PoseGraph, rolled)
