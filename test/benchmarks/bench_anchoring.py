@@ -42,9 +42,12 @@ def mapped(seed: int, pixel_m: float, kind: str, folder: Path) -> OrbitalMap:
         orbital(of, pixel_m).save(file)
     good = OrbitalMap.load(file)
     if kind == 'negated':
-        return dataclasses.replace(good, heights_m=-good.heights_m)
+        # Slopes that were bright are dark.
+        dark = np.clip(np.median(good.photo)**2 / np.maximum(good.photo, 1.0), 1.0, 255.0)
+        return dataclasses.replace(good, heights_m=-good.heights_m, photo=dark.astype(np.uint8))
     if kind == 'shifted':
-        return dataclasses.replace(good, first_m=(good.first_m[0] + 100.0, good.first_m[1]))
+        first, photo_first = ((x + 100.0, y) for x, y in (good.first_m, good.photo_first_m))
+        return dataclasses.replace(good, first_m=first, photo_first_m=photo_first)
     return good
 
 

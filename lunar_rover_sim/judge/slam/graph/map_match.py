@@ -21,7 +21,7 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 from scipy.ndimage import minimum_filter
 from scipy.stats import chi2
@@ -233,9 +233,9 @@ class Likelihood:
 class _Layer:
     """Values that cells should have on a raster, but for an offset that all of them have."""
 
-    def __init__(self, raster: Array, first_m: ArrayLike, pixel_m: float, xy_m: Array,
-                 values: Array, covariance: Array) -> None:
-        self._raster, self._first_m, self.pixel_m = raster, np.asarray(first_m, float), pixel_m
+    def __init__(self, raster: NDArray[np.float32], first_m: tuple[float, float],
+                 pixel_m: float, xy_m: Array, values: Array, covariance: Array) -> None:
+        self._raster, self._first_m, self.pixel_m = raster, first_m, pixel_m
         self._xy_m, self._values = xy_m, values
         self._W = solve_triangular(cholesky(covariance, lower=True), np.eye(len(xy_m)),
                                    lower=True)
@@ -252,9 +252,9 @@ class _Layer:
 
     def bounds(self, middle_m: Array, step_m: float) -> tuple[Array, Array]:
         """Return the least and most steps (2,) from a shift at which all cells lie on it."""
-        last_m = self._first_m + self.pixel_m * (np.array(self._raster.shape[::-1]) - 1.0)
-        place = self._xy_m + middle_m
-        return (np.ceil((self._first_m - place.min(axis=0)) / step_m).astype(int),
+        place = self._xy_m + middle_m - self._first_m
+        last_m = self.pixel_m * (np.array(self._raster.shape[::-1]) - 1.0)
+        return (np.ceil(-place.min(axis=0) / step_m).astype(int),
                 np.floor((last_m - place.max(axis=0)) / step_m).astype(int))
 
     def add_on_grid(self, square: Array, shift_m: Array, step_m: float) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim.base.frames import Array, sun_direction
 from lunar_rover_sim.ground.world.orbital_map import NO_PHOTO, OrbitalMap
@@ -34,7 +35,7 @@ class Photo:
         to_sun: (3,) direction.
     """
 
-    values: Array
+    values: NDArray[np.float32]
     first_m: tuple[float, float]
     pixel_m: float
     to_sun: Array
@@ -48,6 +49,7 @@ class Photo:
             return None
         plain = np.median(photo[known])
         values = np.clip(np.log(np.maximum(photo, 1.0) / plain), -_MOST, _MOST)
+        values = values.astype(np.float32)
         values[~known] = np.nan
         return cls(values, orbital.photo_first_m, config.photo_pixel_m,
                    sun_direction(config.sun_azimuth_deg, config.sun_elevation_deg))

@@ -7,12 +7,13 @@ metres ahead.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import dataclasses
 import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim.base.frames import Array
 
@@ -75,19 +76,23 @@ class Facets:
 
 
 class _Planes(NamedTuple):
-    """Planes through the points of cells; all (n, ...).
+    """Planes through the points of cells.
 
-    mean_m: (3,) mean point. gradient: (2,). spread_m: What is left beside the plane, that of
-    exact points at _LEAST_M. sides_m: (2,) spread of the places. count: Points. cell: Of each
-    point.
+    Attributes:
+        mean_m: (n, 3) mean points.
+        gradient: (n, 2) rise along x and y.
+        spread_m: (n,) what is left beside the planes.
+        sides_m: (n, 2) spread of the places.
+        points: (n,) how many.
+        cell: (m,) of each point.
     """
 
     mean_m: Array
     gradient: Array
     spread_m: Array
     sides_m: Array
-    count: Array
-    cell: Array
+    points: NDArray[np.int64]
+    cell: NDArray[np.int64]
 
     @classmethod
     def of(cls, points_m: Array, size_m: float) -> _Planes:
@@ -157,14 +162,14 @@ class Relief:
             poses: T_map_base (4, 4) of the keyframes.
             size_m: Side of a cell.
         """
-        seen = self._points(poses)
-        if seen is None:
+        patches = self._placed(poses)
+        if not patches:
             return None
-        points, way = seen
-        planes = _Planes.of(points, size_m)
-        good = planes.count >= _LEAST_POINTS
-        along = np.bincount(planes.cell, way) / planes.count
-        patches = [patch for patch in self._patches if patch.key in poses and len(patch.points_m)]
+        planes = _Planes.of(_points(patches, poses), size_m)
+        good = planes.points >= _LEAST_POINTS
+        way = np.repeat([patch.way_m for patch in patches],
+                        [len(patch.points_m) for patch in patches])
+        along = np.bincount(planes.cell, way) / planes.points
         middle_m = 0.5 * (patches[0].way_m + patches[-1].way_m)
         middle = min(patches, key=lambda patch: abs(patch.way_m - middle_m))
         return Cells(planes.mean_m[good, :2], planes.mean_m[good, 2],
@@ -173,21 +178,20 @@ class Relief:
 
     def facets(self, poses: Mapping[int, Array], size_m: float) -> Facets | None:
         """Return the slopes of what was seen; None where nothing was. Arguments as of `cells`."""
-        seen = self._points(poses)
-        if seen is None:
+        patches = self._placed(poses)
+        if not patches:
             return None
-        planes = _Planes.of(seen[0], size_m)
-        good = ((planes.count >= _FACET_POINTS)
+        planes = _Planes.of(_points(patches, poses), size_m)
+        good = ((planes.points >= _FACET_POINTS)
                 & (planes.sides_m.min(axis=1) >= _FACET_SPREAD * size_m))
         return Facets(planes.mean_m[good, :2], planes.gradient[good],
                       planes.spread_m[good] / size_m)
 
-    def _points(self, poses: Mapping[int, Array]) -> tuple[Array, Array] | None:
-        """Return all points (n, 3) in the map, and from where on the way they were seen (n,)."""
-        patches = [patch for patch in self._patches if patch.key in poses and len(patch.points_m)]
-        if not patches:
-            return None
-        points = np.vstack([patch.points_m @ poses[patch.key][:3, :3].T + poses[patch.key][:3, 3]
-                            for patch in patches])
-        return points, np.repeat([patch.way_m for patch in patches],
-                                 [len(patch.points_m) for patch in patches])
+    def _placed(self, poses: Mapping[int, Array]) -> list[_Patch]:
+        return [patch for patch in self._patches if patch.key in poses and len(patch.points_m)]
+
+
+def _points(patches: Sequence[_Patch], poses: Mapping[int, Array]) -> Array:
+    """Return all points (n, 3) in the map."""
+    return np.vstack([patch.points_m @ poses[patch.key][:3, :3].T + poses[patch.key][:3, 3]
+                      for patch in patches])
