@@ -94,7 +94,7 @@ class ParamInfo:
     by_run: bool = False
 
     def valid(self) -> str:
-        """Return what is valid, in words."""
+        """Return what is valid, in words: nothing where all values of its type are."""
         parts = []
         if self.length is not None:
             parts.append(f'{self.length} elements')
@@ -107,8 +107,8 @@ class ParamInfo:
         elif low or high:
             parts.append(low if self.open_low else high if self.open_high
                          else f'>= {low}' if low else f'<= {high}')
-        unit = f' [{self.unit}]' if self.unit else ''
-        return (', '.join(parts) or 'any') + unit
+        unit = [f'[{self.unit}]'] if self.unit else []
+        return ' '.join([', '.join(parts), *unit]).strip()
 
 
 def param(default: Any, doc: str, **info: Any) -> Any:

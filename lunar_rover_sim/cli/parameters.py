@@ -63,7 +63,8 @@ def parameters(section: str | None, search: str | None, as_markdown: bool) -> in
     for name, rows in sections.items():
         for row in rows:
             full = row.name if name == SHARED else f'{name}.{row.name}'
-            for text, indent in ((f'{full} = {row.default}, {row.valid}', ''),
+            bound = f' {row.valid}' if row.valid.startswith('[') else f', {row.valid}'
+            for text, indent in ((f'{full} = {row.default}{bound if row.valid else ""}', ''),
                                  (row.meaning, '    ')):
                 print(textwrap.fill(text, width, initial_indent=indent,
                                     subsequent_indent=indent or '        ',

@@ -104,7 +104,7 @@ def _parameter(name: str, value: Any, kind: Any) -> Parameter:
 def _descriptor(info: ParamInfo, kind: Any) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=info.doc + (f' [{info.unit}]' if info.unit else ''),
-        additional_constraints=f'valid: {info.valid()}', read_only=not info.live)
+        additional_constraints=f'valid: {info.valid() or "any"}', read_only=not info.live)
     # Ranges of ROS 2 are closed on both sides and hold for scalars only.
     if info.low is not None and info.high is not None:
         if kind is float:
