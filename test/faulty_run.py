@@ -73,8 +73,8 @@ class Run:
         self._enough = RECORDING_BYTES['render_node' in nodes]
         self._slowness = slowness()
         settings = [*SMALL_WORLD, *SETTINGS, f'run.nodes=[{",".join(nodes)}]',
-                    f'physics_node.wait.silence_s={_SILENCE_S * self._slowness:.1f}',
-                    f'physics_node.wait.start_s={_READY_S * self._slowness:.1f}']
+                    f'physics_node.wait.silence_s={_SILENCE_S}',     # longer on a busy machine
+                    f'physics_node.wait.start_s={_READY_S}']
         self.process = subprocess.Popen(
             [sys.executable, '-m', 'lunar_rover_sim.cli.main', 'run', 'baseline', '-o',
              str(folder), '--duration', str(duration_s), '--world', str(world),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 from collections.abc import Callable, Collection, Mapping, Sequence
+import math
 import time
 from typing import Any
 
@@ -108,8 +109,8 @@ class LockstepListener:
         missing = [topic for topic in self._without_publisher
                    if topic != topics.RECORDED.name] or self._without_publisher
         if missing:
-            self._check(self._start_limit_s(), 0, dict.fromkeys(missing, 0), PUBLISHERS,
-                        is_late=False)
+            self._check(_start_limit_s(self._wait.start_s), 0, dict.fromkeys(missing, 0),
+                        PUBLISHERS, is_late=False)
 
     def note_progress(self) -> None:
         """Restart the wait: time advanced, an answer came, or no answer is due."""
@@ -129,7 +130,12 @@ class LockstepListener:
                       for topic in missing)
         if self.gate.is_starting(now_ns) and not self._relays.isdisjoint(missing):
             started = False
-        limit_s = self._wait.silence_s if started else self._start_limit_s()
+        if not started:
+            limit_s = _start_limit_s(self._wait.start_s)
+        elif is_supervised():   # the run sees who works or compiles, and ends in time
+            limit_s = math.inf
+        else:
+            limit_s = self._wait.silence_s
         self._check(limit_s, now_ns, missing, ANSWERS, is_late=started)
 
     def _check(self, limit_s: float, now_ns: int, missing: Mapping[str, int], awaits: str,
@@ -159,10 +165,6 @@ class LockstepListener:
         else:
             logger.warning(text)
         self._has_warned = True
-
-    def _start_limit_s(self) -> float:
-        """Return how long others may take to start: in a run, longer on a busy machine."""
-        return self._wait.start_s * (machine_slowness() if is_supervised() else 1.0)
 
     def _describe_silence(self, now_ns: int, missing: Mapping[str, int]) -> str:
         silent = ', '.join(
@@ -275,3 +277,8 @@ class LockstepListener:
             f'stamp of {topic}', f'{topic}: stamp {stamp / 1e9:.3f} s refused',
             f'; valid is at most {_MAX_AHEAD_NS / 1e9:g} s after the simulated time, '
             f'{now_ns / 1e9:.3f} s (does its publisher use /clock?)')
+
+
+def _start_limit_s(idle_s: float) -> float:
+    """Return how long others may take to start: in a run, longer on a busy machine."""
+    return idle_s * (machine_slowness() if is_supervised() else 1.0)

@@ -138,12 +138,15 @@ class NodeProcesses:
     def waits_for(self, now_ns: int) -> str:
         """Return what time stands still for at a simulated time [ns], for people; '': nothing."""
         loading = self._loading()
-        compiling = [name for name, states in self._states.items() if states.compiles]
-        if compiling:
+        if compiling := self.compiling():
             return f'{WORDS}: {brief_list(compiling)}'
         if loading and not now_ns:
             return f'loading {brief_list(loading)}'
         return self.silent_participant(now_ns).partition(';')[0]    # then follows who waits
+
+    def compiling(self) -> list[str]:
+        """Return which nodes compile at this moment."""
+        return [name for name in self._states if self._compiles(name)]
 
     def silent_participant(self, now_ns: int) -> str:
         """Return what a node says that waits for others at a simulated time; '' if none does.

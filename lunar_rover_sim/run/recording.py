@@ -47,8 +47,8 @@ class Limits:
 
     Attributes:
         silence_s: During the run; None where time may stand still (paused, real time).
-        start_s: In its first simulated second, where time waits for the slowest node to start; on
-            an idle machine, times `machine_slowness` on a busy one.
+        start_s: In its first simulated second, where time waits for the slowest node to start.
+            Both on an idle machine, times `machine_slowness` on a busy one.
         idle_s: During the run, where no node works or one is suspended.
         others: Whether programs take part that the run has not started, whose work cannot be seen.
         end_ns: Simulated time at which physics finishes [ns]; 0 for never.
@@ -78,8 +78,8 @@ class Limits:
         if limit_s is not None:
             if suspended or (idle and not self.others and now_ns > STARTED_NS):
                 limit_s = self.idle_s
-            elif now_ns <= STARTED_NS:
-                limit_s = self.start_s
+            else:
+                limit_s = self.start_s if now_ns <= STARTED_NS else limit_s
                 if limit_s is not None and not idle:    # they load, compile, or wait for a core
                     limit_s *= machine_slowness()
         if limit_s is not None and 0 < self.end_ns <= now_ns:
@@ -119,7 +119,7 @@ def supervise(nodes: NodeProcesses, clock: ClockReader, limits: Limits,
         if new and limits.silence_s is not None:
             on_warning(f'{new[0]} is stopped (SIGSTOP): the run ends in {limits.idle_s:g} s '
                        'unless it goes on')
-        if now_ns != last_ns or now_suspended != suspended:
+        if now_ns != last_ns or now_suspended != suspended or nodes.compiling():
             last_ns, suspended, last_progress = now_ns, now_suspended, time.monotonic()
             looks = Looks()
         else:

@@ -41,6 +41,8 @@ def mapped(seed: int, pixel_m: float, kind: str, folder: Path) -> OrbitalMap:
     if not file.exists():
         orbital(of, pixel_m).save(file)
     good = OrbitalMap.load(file)
+    if kind == 'without photo':
+        return dataclasses.replace(good, photo=np.zeros((0, 0), np.uint8))
     if kind == 'negated':
         # Slopes that were bright are dark.
         dark = np.clip(np.median(good.photo)**2 / np.maximum(good.photo, 1.0), 1.0, 255.0)
@@ -149,7 +151,7 @@ def main() -> None:
     parser.add_argument('--first-seed', type=int, default=201)
     parser.add_argument('--postings', nargs='+', type=float, default=[2.0, 5.0])
     parser.add_argument('--maps', nargs='+', default=['own'],
-                        choices=('own', 'other', 'negated', 'shifted'))
+                        choices=('own', 'without photo', 'other', 'negated', 'shifted'))
     given = parser.parse_args()
     store: StudyFolder[str, dict] = StudyFolder(
         given.output, f'{LENGTH_M:g} m, doubt {DOUBT_M:g} m\n', resume=True)

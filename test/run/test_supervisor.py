@@ -35,9 +35,9 @@ class Clock:
 class Nodes:
     """Nodes that work until some wall time after the first look, and finish at another one."""
 
-    def __init__(self, work_s: float, finish_s: float = 1e9) -> None:
+    def __init__(self, work_s: float, finish_s: float = 1e9, compile_s: float = 0.0) -> None:
         self._start_s = time.monotonic()
-        self._work_s, self._finish_s = work_s, finish_s
+        self._work_s, self._finish_s, self._compile_s = work_s, finish_s, compile_s
 
     def _elapsed_s(self) -> float:
         return time.monotonic() - self._start_s
@@ -50,6 +50,9 @@ class Nodes:
 
     def suspended(self) -> list[str]:
         return []
+
+    def compiling(self) -> list[str]:
+        return ['render_node'] if self._elapsed_s() < self._compile_s else []
 
     def fatal_error(self) -> None:
         return None
@@ -72,6 +75,14 @@ def test_who_works_for_long_is_not_silent() -> None:
     """A frame may take three times as long as idle nodes may wait."""
     limits = Limits(silence_s=5.0, start_s=5.0, end_ns=0, idle_s=0.4)
     assert watch(Nodes(work_s=1e9, finish_s=1.2), limits)
+
+
+def test_who_compiles_is_not_silent() -> None:
+    """However long it takes; what it misses afterwards counts from then on."""
+    limits = Limits(silence_s=0.5, start_s=0.5, end_ns=0, idle_s=0.5)
+    assert watch(Nodes(work_s=0.0, finish_s=1.5, compile_s=1.3), limits)
+    with pytest.raises(GraphError):
+        watch(Nodes(work_s=0.0, finish_s=3.0, compile_s=1.3), limits)
 
 
 def test_nodes_that_all_wait_end_the_run_soon() -> None:
@@ -106,14 +117,16 @@ def test_programs_that_the_run_has_not_started_are_given_their_time() -> None:
     assert Limits.of(resolve(Scenario.load('flat', steered))).others
 
 
+@pytest.mark.parametrize('now_ns', [0, 2_200_000_000])
 @pytest.mark.parametrize(('load', 'work_s', 'starts'), [(1.0, 1e9, False), (8.0, 1e9, True),
                                                         (8.0, 0.0, False)])
-def test_a_busy_machine_gets_more_time_to_start(monkeypatch: pytest.MonkeyPatch, load: float,
-                                                work_s: float, starts: bool) -> None:
-    """As much as its load is above its cores; not where no node works."""
+def test_a_busy_machine_gets_more_time(monkeypatch: pytest.MonkeyPatch, load: float,
+                                       work_s: float, starts: bool, now_ns: int) -> None:
+    """As much as its load is above its cores, also for a first image; not where no node works."""
     monkeypatch.setattr(os, 'getloadavg', lambda: (load * (os.cpu_count() or 1), 0.0, 0.0))
-    monkeypatch.setattr(Clock, 'now_ns', lambda _: 0)
-    limits, nodes = Limits(silence_s=0.5, start_s=0.5, end_ns=0), Nodes(work_s, finish_s=1.5)
+    monkeypatch.setattr(Clock, 'now_ns', lambda _: now_ns)
+    limits, nodes = Limits(silence_s=0.5, start_s=0.5, end_ns=0, idle_s=0.5), Nodes(
+        work_s, finish_s=1.5)
     with contextlib.nullcontext() if starts else pytest.raises(GraphError):
         assert watch(nodes, limits)
 
