@@ -25,7 +25,8 @@ START_S = 120.0
 END_S = 120.0
 _SILENCE_S, _READY_S = 5.0, 60.0
 _PROBE_S = 0.2
-_PROGRESS = 'starting: ', 'simulating: '    # a line every 10 s, beside the one of an error
+# A line every 10 s, beside the one of an error.
+_PROGRESS = 'building the world: ', 'starting: ', 'simulating: '
 SMALL_WORLD = ('world.size_m=12.8', 'world.surroundings.samples=257')
 SETTINGS = ('render_node.camera.width=160', 'render_node.camera.height=120',
             'render_node.sgm.num_disparities=32')

@@ -37,7 +37,7 @@ def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
 def without_progress(stderr: str) -> list[str]:
     """Return the lines of errors: a run of more than 10 s tells its progress between them."""
     return [line for line in stderr.strip().splitlines()
-            if not line.startswith(('starting: ', 'simulating: '))]
+            if not line.startswith(('building the world: ', 'starting: ', 'simulating: '))]
 
 
 def wait_for_recording(folder: Path) -> None:
