@@ -24,7 +24,8 @@ from lunar_rover_sim.base.frames import Array, inverse, se3
 from lunar_rover_sim.judge.evaluation.trajectory import Stamps, Trajectory, wxyz
 from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor
-from lunar_rover_sim.judge.slam.graph.measured import Aids, Stars, Sun, Turns, WalkingBias, Wheels
+from lunar_rover_sim.judge.slam.graph.attitude import Attitude, EXACT
+from lunar_rover_sim.judge.slam.graph.measured import Aids, Wheels
 from lunar_rover_sim.judge.slam.graph.places import Keyframe, keyframe, Places
 from lunar_rover_sim.judge.slam.graph.pose_graph import (adjoint, composed, difference, fused,
                                                          gate, PoseGraph, rolled)
@@ -39,20 +40,6 @@ _LOOP_GAP = 8                   # keyframes that a loop is long at least
 _LOOP_CANDIDATES = 2
 _MOST_SPEED_MPS = 0.3           # without anything that measures it, for the standard deviation
 _MOST_RATE_RADPS = 0.3
-_GYRO_RAD = 5e-4        # error of a turn by the gyroscope, for each root of a second
-# Standard deviations of biases at the start; of a turn by images, what all images have in common;
-# how far two attitudes by stars are apart that tell the bias of the gyroscope.
-_FIRST_ACCEL_MPS2, _FIRST_GYRO_RADPS = 0.01, 3e-4
-_IMAGES_RAD, _STARS_NS = 5e-4, 15_000_000_000
-# Gravity is a mean over some seconds, in which a step counts little. The speed changes by so much
-# between their ends, and so much of tilt stays.
-_UP_NS = 8_000_000_000
-_SPEED_CHANGE_MPS, _TILT_RAD = 0.2, math.radians(0.3)
-_LEAST_UP_S = 1.0
-_ALIKE = 8.0                    # means in a row that an attitude remembers have one bias
-# Errors of a sun sensor stay for long: more than its standard deviation for each single factor.
-_SUN_RAD, _STARS_RAD = math.radians(0.4), math.radians(0.06)
-_EXACT = 1e-5                   # standard deviation of what is a choice of the frame [m], [rad]
 _MOVED_M = 0.1                  # a correction by more is told
 
 
@@ -135,25 +122,18 @@ class GraphOdometry:
             raise SlamError('baseline: 0 is not valid; the graph needs a stereo pair')
         self._camera, self._T_base_left = camera, np.array(T_base_left)
         self._T_left_base = inverse(T_base_left)
-        self._gravity_mps2, self._loops = gravity_mps2, loops
+        self._loops = loops
         self._graph, self._anchor = PoseGraph(), anchor
         self._places = Places()
-        self._turns = Turns()
-        self._accel_bias = WalkingBias(accel_walk, _FIRST_ACCEL_MPS2 if accel_walk else 0.0)
-        self._gyro_bias = WalkingBias(gyro_walk, _FIRST_GYRO_RADPS)
-        self._attitude: Stars | None = None     # by which the bias of the gyroscope is learnt next
-        self._attitude_ns = 0                   # when stars told the attitude last
+        self._attitude = Attitude(gravity_mps2, accel_walk, gyro_walk)
         self.counts = Counts()
         self._first_key = 0
         self._key = -1                          # of the last keyframe
         self._stamp_ns = 0                      # of the last keyframe
         self._keyframe: Keyframe | None = None
         self._wheels: Wheels | None = None      # at the last keyframe
-        self._sun: Sun | None = None
-        self._stars: Stars | None = None
         self._relative = np.eye(4)              # last frame in the last keyframe, base
         self._frame_ns = 0
-        self._up_ns = 0                         # of the last factor of gravity or the stars
         self._seen = False                      # whether images told the last keyframe
         self._pose, self._covariance = np.eye(4), np.zeros((6, 6))     # of the last keyframe
         self._told = self._pose, self._covariance       # the same, or in the site
@@ -189,9 +169,7 @@ class GraphOdometry:
         if self._frames and stamp_ns <= self._frame_ns:
             raise SlamError(f'stamp: {stamp_ns} ns does not follow {self._frame_ns} ns; stamps '
                             'must increase')
-        if aids.inertial is not None:
-            self._turns.add(aids.inertial)
-        self._sun, self._stars = aids.sun or self._sun, aids.stars or self._stars
+        self._attitude.take(aids)
         self.counts.frames += 1
         if self._key < 0:
             return self._first(stamp_ns, left, right, aids)
@@ -219,53 +197,19 @@ class GraphOdometry:
                aids: Aids) -> Located | None:
         if left is None or right is None:
             return None
-        begin_ns = stamp_ns if aids.inertial is None or not len(aids.inertial.stamps_ns) \
-            else int(aids.inertial.stamps_ns[0]) - 1
-        up = self._turns.up(begin_ns, stamp_ns)     # the rover stands
-        z = np.array([0.0, 0.0, 1.0]) if up is None else (
-            up.force_mps2 / np.linalg.norm(up.force_mps2))
-        x = np.array([1.0, 0.0, 0.0]) - z[0] * z
-        x /= np.linalg.norm(x)
-        R = np.array([x, np.cross(z, x), z])        # R_map_base: rows are the map's axes in base
-        # Without gravity the map is as the rover stands.
-        tilt = 10.0 * _EXACT if up is None else math.hypot(_TILT_RAD, 0.01 / self._gravity_mps2)
-        sigma = np.array([tilt, tilt, _EXACT, _EXACT, _EXACT, _EXACT])
-        seen = self._sun_at(stamp_ns)
-        stars = self._stars_at(stamp_ns)
-        if stars is not None:
-            R, sigma[:3] = stars[0], math.radians(1.0)
-        elif seen is not None and up is not None:
-            here, there = R @ seen[0], seen[1]
-            yaw = math.atan2(there[1], there[0]) - math.atan2(here[1], here[0])
-            R, sigma[2] = Rotation.from_euler('Z', yaw).as_matrix() @ R, math.radians(30.0)
-        self._begin(0, se3(R, np.zeros(3)), R, sigma)
-        if stars is not None:
-            self._graph.attitude(0, *stars)
-        elif seen is not None and up is not None:
-            self._graph.direction(0, seen[1], seen[0], _SUN_RAD)
+        knows_heading = self._attitude.begin(self._graph, stamp_ns, aids.inertial)
         if self._anchor is not None:
-            self._anchor.begin(self._graph, stars is not None or seen is not None
-                               and up is not None)
+            self._anchor.begin(self._graph, knows_heading)
         self._graph.solve()
-        self._sun = self._stars = None
         self._take(0, stamp_ns, keyframe(self._camera, left, right), aids.wheels)
-        self._frame_ns = self._up_ns = stamp_ns
+        self._frame_ns = stamp_ns
         self._frames.append((stamp_ns, 0, np.eye(4), np.zeros((6, 6))))
         return self._located(np.eye(4), np.zeros((6, 6)), True, '')
-
-    def _begin(self, key: int, T: Array, R_map_base: Array, sigma: Array) -> None:
-        """Hold the first pose; sigma (6,) is about and along the axes of the map."""
-        turned = R_map_base.T
-        covariance = np.zeros((6, 6))
-        covariance[:3, :3] = turned @ np.diag(sigma[:3]**2) @ turned.T
-        covariance[3:, 3:] = turned @ np.diag(sigma[3:]**2) @ turned.T
-        self._graph.add(key, T)
-        self._graph.prior(key, T, covariance)
 
     def _predicted(self, stamp_ns: int, wheels: Wheels | None) -> tuple[Array, Array]:
         """Return the pose of the base in the last keyframe without images, and its covariance."""
         dt = max(1e-3, (stamp_ns - self._stamp_ns) * 1e-9)
-        turn = self._turns.between(self._stamp_ns, stamp_ns)
+        turn = self._attitude.turn(self._stamp_ns, stamp_ns)
         sigma = np.full(6, _MOST_SPEED_MPS * dt)
         sigma[:3] = min(_MOST_RATE_RADPS * dt, math.pi)
         if wheels is not None and self._wheels is not None:
@@ -275,22 +219,11 @@ class GraphOdometry:
         if turn is not None:
             # The way is that of the wheels; half of the turn lies before its middle.
             half = Rotation.from_matrix(T[:3, :3]).inv().as_rotvec() / 2
-            half += Rotation.from_matrix(turn).as_rotvec() / 2
-            T = se3(turn, Rotation.from_rotvec(half).apply(T[:3, 3]))
+            half += Rotation.from_matrix(turn[0]).as_rotvec() / 2
+            T = se3(turn[0], Rotation.from_rotvec(half).apply(T[:3, 3]))
             covariance[:3, :] = covariance[:, :3] = 0.0
-            covariance[:3, :3] = self._gyro_covariance(stamp_ns)
+            covariance[:3, :3] = turn[1]
         return T, covariance
-
-    def _gyro_covariance(self, stamp_ns: int) -> Array:
-        """Return the covariance (3, 3) of a turn by the gyroscope since the last keyframe.
-
-        A bias turns the rover the same way all the time: what it adds to the variance grows with
-        the time since stars told the attitude.
-        """
-        dt = max(1e-3, (stamp_ns - self._stamp_ns) * 1e-9)
-        gone = max(0.0, (self._stamp_ns - self._attitude_ns) * 1e-9)
-        return np.asarray(_GYRO_RAD**2 * dt * np.eye(3)
-                          + self._gyro_bias.covariance * (2.0 * gone + dt) * dt)
 
     def _is_due(self, motion: Motion, left: Image | None) -> bool:
         assert left is not None
@@ -324,7 +257,6 @@ class GraphOdometry:
     def _make_keyframe(self, stamp_ns: int, left: Image | None, right: Image | None, aids: Aids,
                        motion: Motion | None, guess: Array, guess_covariance: Array) -> str:
         new = None
-        self._gyro_bias.walk_to(stamp_ns)
         if left is not None and right is not None:
             new = keyframe(self._camera, left, right)
             if motion is None and self._keyframe is not None:
@@ -335,10 +267,8 @@ class GraphOdometry:
             relative, covariance = self._in_base(motion)
             error = difference(relative, guess)
             S = covariance + guess_covariance
-            turn = self._turns.between(self._stamp_ns, stamp_ns)
-            if turn is not None:
-                self._learn_turn(relative[:3, :3], turn, covariance[:3, :3]
-                                 + _IMAGES_RAD**2 * np.eye(3), (stamp_ns - self._stamp_ns) * 1e-9)
+            self._attitude.learn_by_images(self._stamp_ns, stamp_ns, relative[:3, :3],
+                                           covariance[:3, :3])
             if error @ np.linalg.solve(S, error) > gate(6):
                 self.counts.wheels_refused += 1     # geometry has checked the images
             else:
@@ -348,7 +278,9 @@ class GraphOdometry:
         T, P = composed(self._pose, self._covariance, relative, covariance)
         self._graph.add(key, T)
         self._graph.between(before, key, relative, covariance)
-        self._hold_attitude(key, stamp_ns, T, P)
+        refused = self._attitude.hold(self._graph, key, stamp_ns, T[:3, :3], P[:3, :3])
+        self.counts.sun_refused += 'sun' in refused
+        self.counts.stars_refused += 'stars' in refused
         news = self._solve(key, T, P)
         self._take(key, stamp_ns, new, aids.wheels)
         if self._loops and new is not None:
@@ -409,7 +341,7 @@ class GraphOdometry:
                 self._anchor.begin(self._graph, True, *self._site)
             self._first_key = key
             self._graph.add(key, T)
-            self._graph.prior(key, T, P + _EXACT**2 * np.eye(6))
+            self._graph.prior(key, T, P + EXACT**2 * np.eye(6))
             self._graph.solve()
             return 'the graph was singular: it begins anew here'
 
@@ -418,92 +350,6 @@ class GraphOdometry:
         """Poses and covariances of the keys of this graph."""
         return {key: self._in_site(key)
                 for key in range(self._first_key, self._key + 1)}
-
-    def _hold_attitude(self, key: int, stamp_ns: int, T: Array, P: Array) -> None:
-        turn = P[:3, :3]
-        stars = self._stars_at(stamp_ns)
-        self._accel_bias.walk_to(stamp_ns)
-        if stars is not None:
-            R, covariance = stars
-            error = Rotation.from_matrix(T[:3, :3].T @ R).as_rotvec()
-            if error @ np.linalg.solve(turn + covariance, error) > gate(3):
-                self.counts.stars_refused += 1
-                stars = None
-            else:
-                self._graph.attitude(key, R, covariance)
-                self._attitude_ns = stamp_ns
-                self._learn_turn_by(self._stars)
-        self._hold_up(key, stamp_ns, stars)
-        seen = self._sun_at(stamp_ns)
-        if seen is not None:
-            error = np.cross(T[:3, :3].T @ seen[1], seen[0])
-            # About the direction itself it tells nothing: that part of the error is 0.
-            S = turn + _SUN_RAD**2 * np.eye(3)
-            if error @ np.linalg.solve(S, error) > gate(2):
-                self.counts.sun_refused += 1
-            else:
-                self._graph.direction(key, seen[1], seen[0], _SUN_RAD)
-        self._sun = self._stars = None
-
-    def _learn_turn_by(self, stars: Stars | None) -> None:
-        """Learn the bias of the gyroscope by two attitudes that stars told."""
-        assert stars is not None
-        before = self._attitude
-        if before is not None and stars.stamp_ns - before.stamp_ns < _STARS_NS:
-            return
-        self._attitude = stars
-        turn = None if before is None else self._turns.between(before.stamp_ns, stars.stamp_ns)
-        if before is None or turn is None:
-            return
-        R = stars.R_map_base
-        covariance = R.T @ (before.covariance_rad2 + stars.covariance_rad2) @ R
-        self._learn_turn(before.R_map_base.T @ R, turn, covariance,
-                         (stars.stamp_ns - before.stamp_ns) * 1e-9)
-
-    def _learn_turn(self, told: Array, by_gyro: Array, covariance: Array, time_s: float) -> None:
-        """Learn the bias of the gyroscope by a turn (3, 3) that something else told."""
-        self._gyro_bias.learn(
-            time_s * np.eye(3), Rotation.from_matrix(told.T @ by_gyro).as_rotvec(),
-            covariance + _GYRO_RAD**2 * time_s * np.eye(3))
-        self._turns.bias_radps = self._gyro_bias.value
-
-    def _hold_up(self, key: int, stamp_ns: int, stars: tuple[Array, Array] | None) -> None:
-        """Hold the attitude by gravity, or learn by the stars what the accelerometers are off."""
-        if stars is None and stamp_ns - self._up_ns < _UP_NS:
-            return
-        up = self._turns.up(max(self._up_ns, stamp_ns - _UP_NS), stamp_ns)
-        self._up_ns = stamp_ns
-        if up is None or up.time_s < _LEAST_UP_S or not (
-                0.5 < np.linalg.norm(up.force_mps2) / self._gravity_mps2 < 2.0):
-            return
-        change = (_SPEED_CHANGE_MPS / up.time_s)**2
-        force = up.force_mps2 - up.turn @ self._accel_bias.value
-        if stars is not None:
-            R, covariance = stars
-            variance = change + self._gravity_mps2**2 * float(np.linalg.eigvalsh(covariance)[-1])
-            self._accel_bias.learn(up.turn, force - self._gravity_mps2 * R[2],
-                                   variance * np.eye(3))
-            return
-        left = np.linalg.eigvalsh(up.turn @ self._accel_bias.covariance @ up.turn.T)[-1]
-        self._graph.direction(key, np.array([0.0, 0.0, 1.0]), force, math.sqrt(
-            _TILT_RAD**2 + (change + _ALIKE * float(left)) / self._gravity_mps2**2))
-
-    def _sun_at(self, stamp_ns: int) -> tuple[Array, Array] | None:
-        """Return the direction to the sun in base axes at a stamp, and that in the map."""
-        if self._sun is None:
-            return None
-        turn = self._turns.between(stamp_ns, self._sun.stamp_ns)
-        return None if turn is None else (turn @ self._sun.in_base, self._sun.in_map)
-
-    def _stars_at(self, stamp_ns: int) -> tuple[Array, Array] | None:
-        """Return R_map_base at a stamp and its covariance (3, 3) in base axes."""
-        if self._stars is None:
-            return None
-        turn = self._turns.between(self._stars.stamp_ns, stamp_ns)
-        if turn is None:
-            return None
-        R = self._stars.R_map_base @ turn
-        return R, R.T @ self._stars.covariance_rad2 @ R + _STARS_RAD**2 * np.eye(3)
 
     # Loops
 
