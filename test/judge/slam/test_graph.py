@@ -120,6 +120,30 @@ def test_the_bias_of_the_gyroscope_is_learnt(steps):
 
 
 @needs_gtsam
+@pytest.mark.parametrize('seen', ['stars', 'sun'])
+def test_a_sky_that_is_seen_late_holds_the_attitude_from_then_on(steps, seen):
+    """The map looks where the rover looked; then it turns without images, by a wrong gyroscope."""
+    def change(k, step):
+        rates = step.aids.inertial.rates_radps + [0.0, 0.0, 6e-4 * (k > 12)]
+        sky = {'stars': None, 'sun': None}
+        if k > 7:
+            sky[seen] = getattr(step.aids, seen)
+        aids = dataclasses.replace(
+            step.aids, inertial=step.aids.inertial._replace(rates_radps=rates), **sky)
+        images = {} if k < 10 else {'left': None, 'right': None}
+        return dataclasses.replace(step, aids=aids, **images)
+
+    graph = GraphOdometry(closed_way.CAMERA, closed_way.T_BASE_LEFT, synthetic.GRAVITY)
+    answers = [graph.add(*change(k, step).given) for k, step in enumerate(steps[:60])]
+    R = [steps[k].T_world_base[:3, :3] @ closed_way.T_BASE_LEFT[:3, :3] for k in (0, 59)]
+    # Both differ from the world by where the rover looked at first.
+    begin, end = (R[n] @ answers[k].T_map_left[:3, :3].T for n, k in enumerate((0, 59)))
+    turned = np.degrees(Rotation.from_matrix(begin.T @ end).as_rotvec())
+    assert graph.counts.stars_refused == graph.counts.sun_refused == 0
+    assert abs(turned[2]) < 0.6 < np.degrees(6e-4 * 47.0) / 2.0
+
+
+@needs_gtsam
 def test_without_images_the_covariance_grows_and_loops_bring_it_back(steps):
     """20 s on wheels alone: no pose leaps, and the deviation covers the error."""
     gone = range(25, 45)

@@ -47,6 +47,7 @@ class Attitude:
         self._gyro_bias = WalkingBias(gyro_walk, _FIRST_GYRO_RADPS)
         self._sun: Sun | None = None
         self._stars: Stars | None = None
+        self._R_map_sky: Array | None = None    # None: not known yet
         self._before: Stars | None = None       # by which the bias of the gyroscope is learnt next
         self._told_ns = 0       # when stars told the attitude last
         self._up_ns = 0         # of the last factor of gravity or the stars
@@ -79,6 +80,7 @@ class Attitude:
         tilt = 10.0 * EXACT if up is None else math.hypot(
             _TILT_RAD, _FIRST_ACCEL_MPS2 / self._gravity_mps2)
         sigma = np.array([tilt, tilt, EXACT])
+        self._R_map_sky = np.eye(3)
         sun, stars = self._sun_at(stamp_ns), self._stars_at(stamp_ns)
         self._sun = self._stars = None
         if stars is not None:
@@ -96,7 +98,9 @@ class Attitude:
             graph.attitude(0, *stars)
         elif sun is not None and up is not None:
             graph.direction(0, sun[1], sun[0], _SUN_RAD)
-        return stars is not None or (sun is not None and up is not None)
+        if stars is None and (sun is None or up is None):
+            self._R_map_sky = None
+        return self._R_map_sky is not None
 
     def turn(self, start_ns: int, end_ns: int) -> tuple[Array, Array] | None:
         """Return R_start_end (3, 3) by the gyroscope and its covariance; None without samples.
@@ -130,6 +134,8 @@ class Attitude:
             Which of `sun` and `stars` contradict it: they are left out.
         """
         refused = set()
+        if self._R_map_sky is None:
+            self._find_sky(stamp_ns, R_map_base)
         stars = self._stars_at(stamp_ns)
         self._walk_to(stamp_ns)
         if stars is not None:
@@ -217,19 +223,36 @@ class Attitude:
 
     # Sun and stars
 
+    def _find_sky(self, stamp_ns: int, R_map_base: Array) -> None:
+        """Take the turn about z of a map that began without sun and stars, once they are seen."""
+        self._R_map_sky = np.eye(3)
+        sun, stars = self._sun_at(stamp_ns), self._stars_at(stamp_ns)
+        if stars is not None:
+            R = R_map_base @ stars[0].T
+            yaw = math.atan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])
+        elif sun is not None:
+            here, there = R_map_base @ sun[0], sun[1]
+            yaw = math.atan2(here[1], here[0]) - math.atan2(there[1], there[0])
+        else:
+            self._R_map_sky = None
+            return
+        self._R_map_sky = np.asarray(Rotation.from_euler('Z', yaw).as_matrix())
+
     def _sun_at(self, stamp_ns: int) -> tuple[Array, Array] | None:
         """Return the direction to the sun in base axes at a stamp, and that in the map."""
-        if self._sun is None:
+        if self._sun is None or self._R_map_sky is None:
             return None
         turn = self._turns.between(stamp_ns, self._sun.stamp_ns)
-        return None if turn is None else (turn @ self._sun.in_base, self._sun.in_map)
+        return None if turn is None else (turn @ self._sun.in_base,
+                                          self._R_map_sky @ self._sun.in_map)
 
     def _stars_at(self, stamp_ns: int) -> tuple[Array, Array] | None:
         """Return R_map_base at a stamp and its covariance (3, 3) in base axes."""
-        if self._stars is None:
+        if self._stars is None or self._R_map_sky is None:
             return None
         turn = self._turns.between(self._stars.stamp_ns, stamp_ns)
         if turn is None:
             return None
         R = self._stars.R_map_base @ turn
-        return R, R.T @ self._stars.covariance_rad2 @ R + _STARS_RAD**2 * np.eye(3)
+        return (self._R_map_sky @ R,
+                R.T @ self._stars.covariance_rad2 @ R + _STARS_RAD**2 * np.eye(3))
