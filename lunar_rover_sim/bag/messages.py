@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from lunar_rover_sim.base import topics
-from lunar_rover_sim.base.errors import LunarRoverSimError
+from lunar_rover_sim.base.errors import BagError
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, se3
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.rover.description import Legs
@@ -65,19 +67,38 @@ def imu_row(imu: Any) -> tuple[float, ...]:
     return *xyz(imu.angular_velocity), *xyz(imu.linear_acceleration)
 
 
-def joint_order(message: Any, legs: Legs, where: object,
-                error: type[LunarRoverSimError]) -> list[int]:
+def accel_row(stamped: Any) -> tuple[float, ...]:
+    """Return the 6 numbers of a geometry_msgs/AccelStamped: angular, then linear."""
+    return *xyz(stamped.accel.angular), *xyz(stamped.accel.linear)
+
+
+def joints_row(message: Any, legs: Legs, where: object) -> Array:
+    """Return positions, velocities and efforts (3 legs,) of a sensor_msgs/JointState, leg by leg.
+
+    They are NaN where the message has none. Raises BagError as `joint_order`.
+    """
+    order = joint_order(message, legs, where)
+    return np.concatenate([in_order(values, order) for values in (
+        message.position, message.velocity, message.effort)])
+
+
+def in_order(values: Any, order: list[int]) -> Array:
+    """Return the values of joints in an order; NaN where there are none."""
+    return np.asarray(values, float)[order] if len(values) else np.full(len(order), np.nan)
+
+
+def joint_order(message: Any, legs: Legs, where: object) -> list[int]:
     """Return where each joint of the legs stands in a sensor_msgs/JointState.
 
     Args:
         where: What the message belongs to, for the text of an error.
 
     Raises:
-        error: If a joint is missing.
+        BagError: If a joint is missing.
     """
     names = list(message.name)
     missing = sorted(set(legs.joint_names) - set(names))
     if missing:
-        raise error(f'{where}: {topics.JOINT_STATES.name} lacks {missing[0]}; valid are the '
-                    f'joints {", ".join(legs.joint_names)}')
+        raise BagError(f'{where}: {topics.JOINT_STATES.name} lacks {missing[0]}; valid are '
+                       f'the joints {", ".join(legs.joint_names)}')
     return [names.index(name) for name in legs.joint_names]

@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.bag import message_validity
-from lunar_rover_sim.bag.messages import header_ns, imu_row, odometry_row
+from lunar_rover_sim.bag.messages import header_ns, imu_row, joints_row, odometry_row
 from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.bag.totals import driven_distance_m, every_step
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import BagError
 from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.rover.description import Legs
 
 Stamps = NDArray[np.int64]
+Row = Callable[[Any], Iterable[float]]      # the numbers of a message
 T = TypeVar('T')
+
+
+class Series(NamedTuple):
+    """stamps_ns (n,) and values (n, k)."""
+
+    stamps_ns: Stamps
+    values: Array
 
 
 class Odometry(NamedTuple):
@@ -34,6 +44,16 @@ class Odometry(NamedTuple):
     positions_m: Array
     orientations_wxyz: Array
     twists: Array
+
+    def every_step(self) -> Odometry:
+        """Return the first state of every 0.1 s, and the last one."""
+        kept = every_step(self.stamps_ns)
+        return Odometry(*(column[kept] for column in self))
+
+    @property
+    def distance_m(self) -> float:
+        """Distance driven [m]."""
+        return driven_distance_m(self.stamps_ns, self.positions_m)
 
 
 class ImuSeries(NamedTuple):
@@ -90,23 +110,60 @@ class Rows:
         self._stamps_ns.append(stamp_ns)
         self._values.extend(row)
 
-    def arrays(self, width: int = 0) -> tuple[Stamps, Array]:
-        """Return stamps (n,) [ns] and values (n, width); width is that of empty rows."""
-        stamps = np.array(self._stamps_ns, np.int64)
-        return stamps, np.array(self._values, float).reshape(
-            len(stamps), len(self._values) // len(stamps) if len(stamps) else width)
+    def arrays(self) -> Series:
+        """Return stamps (n,) [ns] and values (n, k); k is 0 where there are none."""
+        n = len(self._stamps_ns)
+        return Series(np.array(self._stamps_ns, np.int64), np.array(self._values, float).reshape(
+            n, len(self._values) // n if n else 0))
+
+
+def read_rows(bag: Bag, rows: Mapping[str, Row], start_ns: int | None = None,
+              stop_ns: int | None = None) -> dict[str, Series]:
+    """Return topics as numbers, read in one pass; bag times as `Bag.messages` takes them."""
+    names = {bag.resolve(name): name for name in rows}
+    read = {name: Rows() for name in rows}
+    for topic, _, message in bag.messages(names, start_ns, stop_ns):
+        name = names[topic]
+        read[name].add(header_ns(message), rows[name](message))
+    return {name: found.arrays() for name, found in read.items()}
+
+
+def odometry_of(series: Series) -> Odometry:
+    """Return the odometry whose rows are those of `odometry_row`."""
+    rows = series.values.reshape(-1, 13)
+    return Odometry(series.stamps_ns, rows[:, 0:3], rows[:, 3:7], rows[:, 7:13])
 
 
 def read_odometry(bag: Bag, topic: str = '') -> Odometry:
     """Return a whole nav_msgs/Odometry topic, by default that of the truth."""
-    stamps, rows = _rows(bag, topic or bag.truth, odometry_row, 13)
-    return Odometry(stamps, rows[:, 0:3], rows[:, 3:7], rows[:, 7:13])
+    topic = topic or bag.truth
+    return odometry_of(read_rows(bag, {topic: odometry_row})[topic])
 
 
 def read_imu(bag: Bag, topic: str = topics.IMU_RAW.name) -> ImuSeries:
     """Return a whole sensor_msgs/Imu topic."""
-    stamps, rows = _rows(bag, topic, imu_row, 6)
+    stamps, values = read_rows(bag, {topic: imu_row})[topic]
+    rows = values.reshape(-1, 6)
     return ImuSeries(stamps, rows[:, 0:3], rows[:, 3:6])
+
+
+def read_motion(bag: Bag, legs: Legs, others: Mapping[str, Row] | None = None,
+                start_ns: int | None = None, stop_ns: int | None = None) -> dict[str, Series]:
+    """Return truth, leg states and others that are recorded, by topic, read in one pass.
+
+    Rows are those of `odometry_row`, `joints_row` and `others`.
+
+    Raises:
+        BagError: Where there is no truth, or no leg states with all legs.
+    """
+    for name in (bag.truth, topics.JOINT_STATES.name):
+        if not bag.count(name):
+            raise BagError(f'{bag.path}: holds no drive: {name} is missing')
+    return read_rows(bag, {
+        bag.truth: odometry_row,
+        topics.JOINT_STATES.name: lambda message: joints_row(message, legs, bag.path),
+        **{name: row for name, row in (others or {}).items() if bag.has(name)}},
+        start_ns, stop_ns)
 
 
 def picture(bag: Bag, message: Any) -> Picture:
@@ -148,14 +205,6 @@ def read_calibration(bag: Bag, topic: str) -> CameraCalibration:
     return CameraCalibration(m.width, m.height, m.k.reshape(3, 3), np.asarray(m.d, float),
                              m.r.reshape(3, 3), m.p.reshape(3, 4), m.distortion_model,
                              m.header.frame_id)
-
-
-def _rows(bag: Bag, topic: str, row: Callable[[Any], tuple[float, ...]],
-          width: int) -> tuple[Stamps, Array]:
-    rows = Rows()
-    for _, _, message in bag.messages([topic]):
-        rows.add(header_ns(message), row(message))
-    return rows.arrays(width)
 
 
 def hazard_topics(bag: Bag) -> dict[str, dict[topics.Topic, str]]:

@@ -6,17 +6,20 @@ use_sim_time stamp with wall time.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 import json
 import math
 import time
-from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim.bag.metadata import information
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import BagError
+from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.topics import DEPTH_FRAME, FRAME, STATE
 
 # How far before its end a bag is searched. Most bags have a state within the first; one whose
@@ -73,36 +76,24 @@ def is_one_of(topic: str, names: Iterable[str]) -> bool:
 
 STEP_NS = 100_000_000
 
-T = TypeVar('T')
 
+def every_step(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the places of the first of (n,) stamps in every 0.1 s since the first one.
 
-def every_step(stamped: Iterable[tuple[int, T]]) -> Iterator[tuple[int, T]]:
-    """Yield the first (stamp [ns], item) of every 0.1 s since the first stamp, and the last one.
-
-    Applied to its own result it yields the same again.
+    The place of the last stamp is among them.
     """
-    first_ns = step = None
-    last: tuple[int, T] | None = None
-    for entry in stamped:
-        if first_ns is None:
-            first_ns = entry[0]
-        number = (entry[0] - first_ns) // STEP_NS
-        last = entry if number == step else None
-        if number != step:
-            step = number
-            yield entry
-    if last is not None:
-        yield last
+    if not len(stamps_ns):
+        return np.zeros(0, np.int64)
+    steps = (stamps_ns - stamps_ns[0]) // STEP_NS
+    return np.union1d(np.flatnonzero(np.diff(steps, prepend=-1)), len(steps) - 1)
 
 
-def driven_distance_m(positions_m: Iterable[tuple[int, Sequence[float]]]) -> float:
-    """Return the distance driven [m] through (stamp [ns], (x, y, ...)) in the order of time."""
+def driven_distance_m(stamps_ns: NDArray[np.int64], positions_m: Array) -> float:
+    """Return the horizontal distance driven [m] through (n, 2 or more) positions at (n,) stamps.
+    """
     total = 0.0
-    before: Sequence[float] | None = None
-    for _, position in every_step(positions_m):
-        if before is not None:
-            total += math.hypot(position[0] - before[0], position[1] - before[1])
-        before = position
+    for x, y in np.diff(positions_m[every_step(stamps_ns), :2], axis=0).tolist():
+        total += math.hypot(x, y)
     return total
 
 

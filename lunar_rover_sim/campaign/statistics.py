@@ -6,29 +6,28 @@ the true depth is finite.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from lunar_rover_sim.bag.messages import exposure_s
+from lunar_rover_sim.bag.messages import accel_row, exposure_s, imu_row
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.series import common_stamps, messages_at, picture, read_imu, read_odometry
-from lunar_rover_sim.bag.totals import driven_distance_m, every_step, simulated_end_ns
+from lunar_rover_sim.bag.series import (common_stamps, messages_at, picture, read_odometry,
+                                        read_rows)
+from lunar_rover_sim.bag.totals import simulated_end_ns
 from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.image.stereo.depth import disparity_from_depth
 from lunar_rover_sim.image.stereo.error import disparity_errors_px
+from lunar_rover_sim.judge.evaluation.image_statistics import levels_of, shadow_share
 from lunar_rover_sim.products.inspection.disparity_error import disparity_map, is_textured
 from lunar_rover_sim.products.sequences.sensors import recorded_sensors
 from lunar_rover_sim.run.recorded_run import RecordedRun
 
 SAMPLES = 40
 _CORNER_THRESHOLD = 20   # grey levels of 255, as ORB-SLAM3's first threshold
-_SHADOW_LEVEL = 0.05     # of the bright ground in the same image
-_BRIGHT_PERCENTILE = 90.0
 
 MEANINGS: dict[str, str] = {
     'duration_s': 'simulated time [s]',
@@ -95,81 +94,60 @@ def _path(bag: Bag) -> dict[str, float]:
     odometry = read_odometry(bag)
     if not len(odometry.stamps_ns):
         return {}
-    steps = list(every_step(zip(odometry.stamps_ns.tolist(), odometry.positions_m.tolist())))
-    distance = driven_distance_m(steps)
+    distance = odometry.distance_m
     duration_s = float(odometry.stamps_ns[-1]) / 1e9
     return {'distance_m': distance,
             'mean_speed_mps': distance / duration_s if duration_s > 0.0 else 0.0,
-            'climb_m': float(np.ptp([position[2] for _, position in steps])),
+            'climb_m': float(np.ptp(odometry.every_step().positions_m[:, 2])),
             'largest_tilt_deg': float(frames.tilt_deg(odometry.orientations_wxyz).max())}
-
-
-class _StereoSet(NamedTuple):
-    """A stereo set: left image, true depth [m], disparity message."""
-
-    left: NDArray[Any]
-    depth_m: NDArray[np.float32] | None
-    disparity: Any
-
-
-def _samples(bag: Bag) -> Iterator[_StereoSet]:
-    if not bag.has(topics.LEFT_IMAGE.name):
-        return
-    wanted = topics.LEFT_IMAGE, topics.TRUE_DEPTH, topics.DISPARITY
-    stamps = common_stamps(bag, [t.name for t in wanted if bag.has(t.name)])
-    chosen = np.unique(np.linspace(0, len(stamps) - 1, min(SAMPLES, len(stamps))).astype(int))
-    for k in chosen:
-        found = messages_at(bag, wanted, stamps[k])
-        depth = picture(bag, found[topics.TRUE_DEPTH]).pixels \
-            if topics.TRUE_DEPTH in found else None
-        yield _StereoSet(picture(bag, found[topics.LEFT_IMAGE]).pixels, depth,
-                         found.get(topics.DISPARITY))
 
 
 def _images(bag: Bag) -> dict[str, float]:
     """Return means over the sampled frames; of the errors of disparity, medians."""
+    if not bag.has(topics.LEFT_IMAGE.name):
+        return {}
     linear = RecordedRun(bag).scenario.get('render_node', 'sensor.companding') == 'linear'
+    wanted = topics.LEFT_IMAGE, topics.TRUE_DEPTH, topics.DISPARITY
+    stamps = common_stamps(bag, [t.name for t in wanted if bag.has(t.name)])
+    chosen = np.unique(np.linspace(0, len(stamps) - 1, min(SAMPLES, len(stamps))).astype(int))
     collected: dict[str, list[float]] = {}
-    for sample in _samples(bag):
-        for name, value in _describe(bag, sample, linear).items():
+    for k in chosen:
+        found = messages_at(bag, wanted, stamps[k])
+        for name, value in _describe(bag, found, linear).items():
             collected.setdefault(name, []).append(value)
     return {name: float(np.median(values) if name in _MEDIANS else np.mean(values))
             for name, values in collected.items()}
 
 
-def _describe(bag: Bag, sample: _StereoSet, linear: bool) -> dict[str, float]:
-    levels = _levels(sample.left)
+def _describe(bag: Bag, found: Mapping[topics.Topic, Any], linear: bool) -> dict[str, float]:
+    """Return what the messages of a stereo set show."""
+    left = picture(bag, found[topics.LEFT_IMAGE]).pixels
+    levels = levels_of(left, linear=False)
     corners = cv2.FastFeatureDetector.create(_CORNER_THRESHOLD).detect(
         np.ascontiguousarray((levels * 255.0).astype(np.uint8)))
     result = {'corners': float(len(corners))}
-    if sample.depth_m is None:
+    if topics.TRUE_DEPTH not in found:
         return result
-    ground = np.isfinite(sample.depth_m)
+    depth_m = picture(bag, found[topics.TRUE_DEPTH]).pixels
+    ground = np.isfinite(depth_m)
     result['ground_share'] = float(ground.mean())
     if not ground.any():
         return result
     # mono16 is linear in any case, mono8 and rgb8 as the scenario says.
-    signal = levels if linear or sample.left.dtype == np.uint16 else levels**2
-    bright = float(np.percentile(signal[ground], _BRIGHT_PERCENTILE))
-    result['shadow_share'] = float((signal[ground] < _SHADOW_LEVEL * bright).mean())
-    result['textured_share'] = float(is_textured(sample.left)[ground].mean())
-    if sample.disparity is not None:
-        message = sample.disparity
+    signal = levels if linear or left.dtype == np.uint16 else levels**2
+    result['shadow_share'] = shadow_share(signal[ground])
+    result['textured_share'] = float(is_textured(left)[ground].mean())
+    if topics.DISPARITY in found:
+        message = found[topics.DISPARITY]
         disparity = disparity_map(message, picture(bag, message.image).pixels)
         matched = disparity.has_finite_depth & ground
         result['sgm_density'] = float(matched[ground].mean())
         if matched.any():
-            true_px = disparity_from_depth(sample.depth_m, message.f, message.t)
+            true_px = disparity_from_depth(depth_m, message.f, message.t)
             errors_px = disparity_errors_px(disparity, true_px, matched)
             result['sgm_error_px'] = float(np.median(np.abs(errors_px)))
             result['sgm_bias_px'] = float(np.median(errors_px))
     return result
-
-
-def _levels(image: NDArray[Any]) -> NDArray[np.float32]:
-    """Return the image as grey in [0, 1]."""
-    grey = image[..., :3].mean(axis=-1) if image.ndim == 3 else image
-    return np.divide(grey, np.iinfo(image.dtype).max, dtype=np.float32)
 
 
 def _imu(bag: Bag) -> dict[str, float]:
@@ -177,13 +155,11 @@ def _imu(bag: Bag) -> dict[str, float]:
     needed = (topics.IMU_RAW.name, topics.IMU_TRUTH.name, topics.IMU_BIAS.name)
     if not all(bag.has(name) for name in needed):
         return {}
-    raw, truth = read_imu(bag, needed[0]), read_imu(bag, needed[1])
-    bias = np.array([[a.x, a.y, a.z, w.x, w.y, w.z] for a, w in (
-        (m.accel.linear, m.accel.angular) for _, _, m in bag.messages([needed[2]]))])
+    read = read_rows(bag, dict(zip(needed, (imu_row, imu_row, accel_row))))
+    raw, truth, bias = (read[name].values for name in needed)
     rate_hz = recorded_sensors(bag).imu_rate_hz if bag.has(topics.LEFT_INFO.name) else 0.0
-    if not (len(raw.stamps_ns) == len(truth.stamps_ns) == len(bias) > 1) or not rate_hz:
+    if not len(raw) == len(truth) == len(bias) > 1 or not rate_hz:
         return {}
-    accel = raw.specific_forces_mps2 - truth.specific_forces_mps2 - bias[:, :3]
-    gyro = raw.rates_radps - truth.rates_radps - bias[:, 3:]
+    gyro, accel = np.split(raw - truth - bias, 2, axis=1)
     return {'accel_noise_density': float(accel.std(axis=0).mean() / np.sqrt(rate_hz)),
             'gyro_noise_density': float(gyro.std(axis=0).mean() / np.sqrt(rate_hz))}

@@ -17,7 +17,6 @@ from lunar_rover_sim.autonomy.navigation.traversability import belly_clearance_m
 from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.totals import every_step
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.files.results import plain
@@ -98,21 +97,21 @@ def evaluate_drive(path: Path, world: Path | None = None) -> DriveEvaluation:
         tilt = tilt_deg(odometry.orientations_wxyz)
         incidents = {TILT: _risen(tilt, TILTED_DEG, _LEVEL_DEG),
                      ROLL_OVER: _risen(tilt, TIPPED_DEG, TILTED_DEG)}
-        kept = np.array([k for _, k in every_step(zip(stamps.tolist(), range(len(stamps))))])
-        way = odometry.positions_m[kept]
+        kept = odometry.every_step()
+        way = kept.positions_m
         steps = np.concatenate([[0.0], np.linalg.norm(np.diff(way[:, :2], axis=0), axis=1)])
         seen_m, found, rover = 0.0, run.world(world), run.rover
         if found is not None and rover is not None:
-            met, known = _contacts(found, rover, way, odometry.orientations_wxyz[kept])
+            met, known = _contacts(found, rover, way, kept.orientations_wxyz)
             seen_m = float(steps[known].sum())
             for kind, is_met in met.items():
-                at_s = stamps[kept][is_met] / NS_PER_S
+                at_s = kept.stamps_ns[is_met] / NS_PER_S
                 incidents[kind] = int(len(at_s) > 0) + int((np.diff(at_s) > _CLOSE_S).sum())
         stops, standing_s, end = _stops(bag, int(stamps[-1]))
         plans = bag.count(topics.GLOBAL_PLAN.name)
         return DriveEvaluation(float(steps.sum()), float(stamps[-1] - stamps[0]) / NS_PER_S,
-                               incidents, seen_m, _unknown_m(bag, stamps[kept], way, steps), stops,
-                               standing_s, plans, end)
+                               incidents, seen_m, _unknown_m(bag, kept.stamps_ns, way, steps),
+                               stops, standing_s, plans, end)
 
 
 def _risen(values: Array, high: float, low: float) -> int:

@@ -141,7 +141,8 @@ def image_statistics(pair: GreyPair, truth_shows_sky: bool = False) -> ImageStat
     density, bad = _matching(pair, ground) if pair.right is not None else (nan, nan)
     return ImageStatistics(
         np.array([float(np.median(logs)) if len(logs) else nan,
-                  spectrum_slope(pair.left, ground), _shadow_share(pair.left, ground),
+                  spectrum_slope(pair.left, ground),
+                  shadow_share(pair.left[ground].astype(float)**2),
                   keypoints, matches, density, bad]),
         counts / max(counts.sum(), 1))
 
@@ -199,11 +200,12 @@ def spectrum_slope(image: F32, ground: NDArray[np.bool_]) -> float:
                             np.log(total[used] / count[used]), 1)[0])
 
 
-def _shadow_share(image: F32, ground: NDArray[np.bool_]) -> float:
-    if not ground.any():
+def shadow_share(signal: NDArray[np.floating]) -> float:
+    """Return the share of ground (n,) in shadow by its signal; NaN of none."""
+    if not len(signal):
         return float('nan')
-    signal = image[ground].astype(float)**2
-    return float((signal < _SHADOW_LEVEL * np.percentile(signal, _BRIGHT_PERCENTILE)).mean())
+    bright = float(np.percentile(signal, _BRIGHT_PERCENTILE))
+    return float((signal < _SHADOW_LEVEL * bright).mean())
 
 
 def _orb(pair: GreyPair) -> tuple[float, float]:

@@ -143,8 +143,8 @@ class Trajectory:
 
     @property
     def length_m(self) -> float:
-        """Distance driven [m]: horizontal, in steps of 0.1 s; see `bag.driven_distance`."""
-        return driven_distance_m(zip(self.stamps_ns.tolist(), self.positions_m.tolist()))
+        """Distance driven [m]: horizontal, in steps of 0.1 s; see `bag.totals`."""
+        return driven_distance_m(self.stamps_ns, self.positions_m)
 
     def select(self, keep: ArrayLike) -> Trajectory:
         """Return the poses of an index or boolean array."""

@@ -30,6 +30,7 @@ from lunar_rover_sim.judge.evaluation import metrics
 from lunar_rover_sim.judge.evaluation.metrics import DistanceError, Statistics
 from lunar_rover_sim.judge.evaluation.registration import align as align_trajectories
 from lunar_rover_sim.judge.evaluation.registration import Alignment, associate, DEFAULT_TOLERANCE_S
+from lunar_rover_sim.judge.evaluation.statistics import CONFIDENCE
 from lunar_rover_sim.judge.evaluation.trajectory import Stamps, Trajectory
 from lunar_rover_sim.judge.evaluation.trajectory_files import (bag_of, frame_on_rover,
                                                                image_stamps_ns, is_unstamped, load,
@@ -291,7 +292,6 @@ def _tracked(truth: Trajectory, estimate: Trajectory, tolerance_s: float,
     return min(1.0, len(estimate) / frames)
 
 
-CONFIDENCE = 0.95
 NOTHING = 'nothing'             # of the frame is chosen by the first pose
 FIX_M = 3.0                     # a position is known where its standard deviation is below this
 _FALSE = 0.999                  # a fix is false beyond this quantile of chi^2

@@ -7,10 +7,10 @@ import dataclasses
 import functools
 
 import numpy as np
-from scipy import stats
 
 from lunar_rover_sim.base.errors import StudyError
 from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.judge.evaluation.trajectory_evaluation import nees_interval
 from lunar_rover_sim.judge.studies.study_folder import map_in_processes, Progress, silent
 from lunar_rover_sim.judge.studies.walking import STATE_PERIOD_S, Walk, walk
 from lunar_rover_sim.rover.description import RoverDescription
@@ -22,7 +22,6 @@ from lunar_rover_sim.sensors.wheel_odometry import Rolling, RollingFeet, WheelOd
 COMMAND_S = 5.0                           # duration of each random command
 LEAST_DRIVES = 3
 _FORWARD_MPS, _YAW_RADPS = (-0.1, 0.2), (-0.15, 0.15)
-_CONFIDENCE = 0.95
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,11 +123,9 @@ def judge(walks: Sequence[Walk], rover: RoverDescription, counts_per_turn: int,
     measured = Rolling(*scales, *(float(value) for value in stddev))
     errors, squares = zip(*(_error(each, WheelOdometry(rover, counts_per_turn, rolling))
                             for each in walks))
-    freedom = 3 * len(walks)
-    low, high = stats.chi2.interval(_CONFIDENCE, freedom)
     rolled_m = float(sum(each[:, 2].sum() for each in rolled))
     return OdometryStudy(len(walks), tipped_over, rolled_m, measured, np.array(errors),
-                         float(sum(squares) / freedom), (low / freedom, high / freedom))
+                         float(sum(squares) / (3 * len(walks))), nees_interval(3, len(walks)))
 
 
 def _rolled(recorded: Walk, feet: RollingFeet) -> Array:

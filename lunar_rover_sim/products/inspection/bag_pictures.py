@@ -17,7 +17,6 @@ from lunar_rover_sim.bag.message_validity import lidar_cloud_problem, lidar_poin
 from lunar_rover_sim.bag.messages import exposure_s, header_ns
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.series import hazard_topics
-from lunar_rover_sim.bag.totals import driven_distance_m
 from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.errors import BagError
 from lunar_rover_sim.base.files.results import save_figure
@@ -320,8 +319,8 @@ def _trajectory(bag: Bag, odometry: series.Odometry, world: Path | str | None,
     axes.set(xlim=(centre[0] - half, centre[0] + half), ylim=(centre[1] - half, centre[1] + half),
              xlabel='x, east [m]', ylabel='y, north [m]', aspect='equal')
     axes.legend(loc='upper right')
-    length = driven_distance_m(zip(odometry.stamps_ns.tolist(), xy.tolist()))
-    axes.set_title(f'{length:.2f} m in {odometry.stamps_ns[-1] * 1e-9:.1f} s', fontsize=9)
+    axes.set_title(f'{odometry.distance_m:.2f} m in {odometry.stamps_ns[-1] * 1e-9:.1f} s',
+                   fontsize=9)
     save(figure, 'trajectory.png')
 
 

@@ -13,7 +13,7 @@ from lunar_rover_sim.bag import message_validity
 from lunar_rover_sim.bag.ground_points import changes_of
 from lunar_rover_sim.bag.ground_points import problem as ground_problem
 from lunar_rover_sim.bag.message_validity import laser_scan_problem, lidar_cloud_problem
-from lunar_rover_sim.bag.messages import imu_row, odometry_row, wxyz, xyz
+from lunar_rover_sim.bag.messages import accel_row, imu_row, odometry_row, wxyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedScenario
 from lunar_rover_sim.bag.series import Rows
@@ -115,14 +115,10 @@ def _imu(m: Any) -> tuple[float, ...]:
     return *imu_row(m), *wxyz(m.orientation)
 
 
-def _accel(m: Any) -> tuple[float, ...]:
-    return *xyz(m.accel.angular), *xyz(m.accel.linear)
-
-
 _SIGNALS: dict[str, Callable[[Any], tuple[float, ...]]] = {
     topics.ODOM.name: odometry_row, topics.TRUE_ODOM.name: odometry_row,
     topics.IMU_TRUTH.name: _imu, topics.IMU_RAW.name: _imu,
-    topics.IMU_BIAS.name: _accel,
+    topics.IMU_BIAS.name: accel_row,
     topics.WORLD_WINDOW.name: lambda m: (m.point.x, m.point.y)}
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 import dataclasses
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 from matplotlib import font_manager
@@ -19,7 +19,6 @@ from PIL import Image, ImageDraw, ImageFont
 
 from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.ground_points import changes_of
-from lunar_rover_sim.bag.messages import header_ns, joint_order, odometry_row
 from lunar_rover_sim.bag.reader import Bag, open_bag, RawMessage
 from lunar_rover_sim.bag.totals import recorded_factor, simulated_end_ns
 from lunar_rover_sim.base import topics
@@ -66,32 +65,15 @@ def read_drive(bag: Bag, legs: Legs, start_ns: int | None = None,
     Args:
         legs: Of the recorded rover, for the order of the values.
     """
-    for name in (bag.truth, topics.JOINT_STATES.name):
-        if not bag.count(name):
-            raise BagError(f'{bag.path}: holds no drive: {name} is missing')
-    names = {bag.resolve(name): name for name in (bag.truth, topics.JOINT_STATES.name)}
-    poses, joints = series.Rows(), series.Rows()
-    for topic, _, message in bag.messages(names, start_ns, end_ns):
-        if names[topic] == bag.truth:
-            poses.add(header_ns(message), odometry_row(message))
-        else:
-            joints.add(header_ns(message), _legs(bag, legs, message).ravel())
-    (pose_ns, pose_rows), (joint_ns, joint_rows) = poses.arrays(), joints.arrays()
+    found = series.read_motion(bag, legs, None, start_ns, end_ns)
+    (pose_ns, poses), (joint_ns, joints) = found[bag.truth], found[topics.JOINT_STATES.name]
     common, of_pose, of_joints = np.intersect1d(pose_ns, joint_ns, return_indices=True)
     if not len(common):
         raise BagError(f'{bag.path}: holds no drive: no {topics.JOINT_STATES.name} has the stamp '
                        f'of a message of {bag.truth}')
-    states = joint_rows[of_joints].reshape(len(common), 2, -1)
-    return DriveSeries(common, pose_rows[of_pose], states[:, 0], states[:, 1])
-
-
-def _legs(bag: Bag, legs: Legs, message: Any) -> Array:
-    """Return (2, legs) angles and velocities in our order; legs without velocities are at rest."""
-    order = joint_order(message, legs, bag.path, BagError)
-    angles = np.asarray(message.position, float)[order]
-    speeds = (np.asarray(message.velocity, float)[order] if len(message.velocity)
-              else np.zeros(len(order)))
-    return np.stack([angles, speeds])
+    angles, speeds, _ = np.split(joints[of_joints], 3, axis=1)
+    # Legs without velocities are at rest.
+    return DriveSeries(common, poses[of_pose], angles, np.where(np.isnan(speeds), 0.0, speeds))
 
 
 U8 = NDArray[np.uint8]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-import dataclasses
+import functools
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -92,44 +92,38 @@ def _topic_problem(rover: RoverData, name: str, config: HazardConfig,
 WINDOW_S = 1.0
 
 
-@dataclasses.dataclass(frozen=True)
-class Drift:
-    """Largest drift over one second: attitude [rad], velocity [m/s], position [m]."""
-
-    attitude_rad: float
-    velocity_mps: float
-    position_m: float
-
-
-@dataclasses.dataclass(frozen=True)
-class NoiseOffset:
-    """Mean of raw minus truth minus bias, in its own standard errors (largest axis)."""
-
-    sigmas: float
-    worst: str
+Signals = tuple[np.ndarray, np.ndarray, np.ndarray]     # stamps [ns], odometry, true IMU at them
 
 
 def _rotation(quat_wxyz: np.ndarray) -> Rotation:
     return Rotation.from_quat(quat_wxyz[:, [1, 2, 3, 0]])
 
 
-def imu_drift(scan: BagScan, imu_position_m: np.ndarray, gravity_mps2: float) -> Drift | None:
-    """Return how far the true IMU signal drifts from odometry; None where there is too little.
-
-    Args:
-        imu_position_m: (3,) origin of the IMU in base_link.
-    """
+def _common(scan: BagScan) -> Signals | None:
+    """Return odometry and IMU at their common stamps; None where there are few, or no numbers."""
     odom_ns, odom = scan.signal(scan.truth)
     imu_ns, imu = scan.signal(topics.IMU_TRUTH)
     stamps, at_odom, at_imu = np.intersect1d(odom_ns, imu_ns, return_indices=True)
     if len(stamps) < 3:
         return None
     odom, imu = odom[at_odom], imu[at_imu]
-    if not (np.isfinite(odom).all() and np.isfinite(imu).all()):
+    lengths = np.linalg.norm([odom[:, 3:7], imu[:, 6:10]], axis=2)
+    if not (np.isfinite(odom).all() and np.isfinite(imu).all()) or (lengths < 0.5).any():
         return None
-    if (np.linalg.norm(odom[:, 3:7], axis=1) < 0.5).any() or \
-            (np.linalg.norm(imu[:, 6:10], axis=1) < 0.5).any():
-        return None
+    return stamps, odom, imu
+
+
+def imu_drift(signals: Signals, imu_position_m: np.ndarray,
+              gravity_mps2: float) -> list[float]:
+    """Return how far the true IMU signal drifts from odometry.
+
+    Args:
+        imu_position_m: (3,) origin of the IMU in base_link.
+
+    Returns:
+        Largest drifts over one second of attitude [rad], velocity [m/s] and position [m].
+    """
+    stamps, odom, imu = signals
     step_s = np.diff(stamps) * 1e-9
     whole = step_s < 1.5 * np.median(step_s)  # an interval with a gap is not judged
     base, body = _rotation(odom[:, 3:7]), _rotation(imu[:, 6:10])
@@ -150,48 +144,30 @@ def imu_drift(scan: BagScan, imu_position_m: np.ndarray, gravity_mps2: float) ->
     for residual in (attitude, change, moved):
         total = np.zeros((window[-1] + 1, 3))
         np.add.at(total, window[whole], residual[whole])
-        drifts.append(np.linalg.norm(total, axis=1))
-    return Drift(*(float(drift.max()) for drift in drifts))
+        drifts.append(float(np.linalg.norm(total, axis=1).max()))
+    return drifts
 
 
-def attitude_offset_rad(scan: BagScan, R_base_imu: np.ndarray) -> float | None:
-    """Return the largest angle between the IMU's true orientation and that of odometry."""
-    odom_ns, odom = scan.signal(scan.truth)
-    imu_ns, imu = scan.signal(topics.IMU_TRUTH)
-    stamps, at_odom, at_imu = np.intersect1d(odom_ns, imu_ns, return_indices=True)
-    if not len(stamps):
+def raw_imu_offset(scan: BagScan) -> tuple[float, str] | None:
+    """Return the mean of raw minus truth minus bias; None where not all of them are recorded.
+
+    It is that of the worst axis, in its own standard errors, and a text that names it.
+    """
+    signals = [scan.signal(topic)
+               for topic in (topics.IMU_RAW, topics.IMU_TRUTH, topics.IMU_BIAS)]
+    if any(not len(ns) or len(np.unique(ns)) != len(ns) or not np.isfinite(values).all()
+           for ns, values in signals):
         return None
-    quats = np.hstack([odom[at_odom, 3:7], imu[at_imu, 6:10]])
-    if not np.isfinite(quats).all() or (np.abs(quats).max(axis=0) == 0.0).all():
-        return None
-    if (np.linalg.norm(quats[:, :4], axis=1) < 0.5).any() or \
-            (np.linalg.norm(quats[:, 4:], axis=1) < 0.5).any():
-        return None
-    expected = _rotation(quats[:, :4]) * Rotation.from_matrix(R_base_imu)
-    return float((expected.inv() * _rotation(quats[:, 4:])).magnitude().max())
-
-
-def raw_imu_offset(scan: BagScan) -> NoiseOffset | None:
-    """Return the mean of raw minus truth minus bias; None where not all of them are recorded."""
-    stamps = None
-    for topic in (topics.IMU_RAW, topics.IMU_TRUTH, topics.IMU_BIAS):
-        ns, values = scan.signal(topic)
-        if not len(ns) or len(np.unique(ns)) != len(ns) or not np.isfinite(values).all():
-            return None
-        stamps = ns if stamps is None else np.intersect1d(stamps, ns)
-    assert stamps is not None
+    stamps = functools.reduce(np.intersect1d, (ns for ns, _ in signals))
     if len(stamps) < 10:
         return None
-    parts = []
-    for topic in (topics.IMU_RAW, topics.IMU_TRUTH, topics.IMU_BIAS):
-        ns, values = scan.signal(topic)
-        parts.append(values[np.searchsorted(ns, stamps), :6])
-    noise = parts[0] - parts[1] - parts[2]
+    raw, truth, bias = (values[np.searchsorted(ns, stamps), :6] for ns, values in signals)
+    noise = raw - truth - bias
     error = noise.std(axis=0) / np.sqrt(len(noise)) + 1e-6
     sigmas = np.abs(noise.mean(axis=0)) / error
     axis = int(np.argmax(sigmas))
     name = ('angular velocity', 'specific force')[axis // 3] + ' ' + 'xyz'[axis % 3]
-    return NoiseOffset(float(sigmas[axis]), f'{name}: mean {noise[:, axis].mean():.4g}')
+    return float(sigmas[axis]), f'{name}: mean {noise[:, axis].mean():.4g}'
 
 
 # Drift of the noise-free IMU over one second. The samples are exact means; what remains is the
@@ -209,27 +185,25 @@ def imu_and_odometry(rover: RoverData, report: CheckReport) -> None:
     position = _vector(rover.scenario.get('rover', 'imu.position_m'))
     rpy = np.radians(_vector(rover.scenario.get('rover', 'imu.rpy_deg')))
     R_base_imu = frames.matrix_from_wxyz(frames.wxyz_from_rpy(*rpy))
-    drift = imu_drift(rover.scan, position,
-                      rover.scenario.number('physics_node', 'gravity_mps2', MOON_MPS2))
-    if drift is None:
+    signals = _common(rover.scan)
+    if signals is None:
         report.add('imu and odometry', Status.SKIP, 'not both in the bag, or not finite')
         return
-    problems = []
-    if not drift.attitude_rad <= MAX_ATTITUDE_DRIFT_RAD:
-        problems.append(f'angular velocity drifts {drift.attitude_rad:.4f} rad from the '
-                        f'attitude within 1 s (valid: {MAX_ATTITUDE_DRIFT_RAD:g})')
-    if not drift.velocity_mps <= MAX_VELOCITY_DRIFT_MPS:
-        problems.append(f'specific force drifts {drift.velocity_mps:.4f} m/s from the '
-                        f'velocity within 1 s (valid: {MAX_VELOCITY_DRIFT_MPS:g})')
-    if not drift.position_m <= MAX_POSITION_DRIFT_M:
-        problems.append(f'twist drifts {drift.position_m:.4f} m from the position within 1 s '
-                        f'(valid: {MAX_POSITION_DRIFT_M:g})')
-    offset = attitude_offset_rad(rover.scan, R_base_imu)
-    if offset is not None and offset > MAX_ATTITUDE_OFFSET_RAD:
-        problems.append(f'the IMU is turned {offset:.4f} rad from its mount')
-    report.verdict('imu and odometry', problems,
-                   f'drift in 1 s: {drift.attitude_rad:.1e} rad, {drift.velocity_mps:.1e} m/s, '
-                   f'{drift.position_m:.1e} m')
+    drifts = imu_drift(signals, position,
+                       rover.scenario.number('physics_node', 'gravity_mps2', MOON_MPS2))
+    problems = [f'{what} drifts {drift:.4f} {unit} from the {of} within 1 s (valid: {most:g})'
+                for drift, (what, of, unit, most) in zip(drifts, (
+                    ('angular velocity', 'attitude', 'rad', MAX_ATTITUDE_DRIFT_RAD),
+                    ('specific force', 'velocity', 'm/s', MAX_VELOCITY_DRIFT_MPS),
+                    ('twist', 'position', 'm', MAX_POSITION_DRIFT_M))) if not drift <= most]
+    _, odom, imu = signals
+    expected = _rotation(odom[:, 3:7]) * Rotation.from_matrix(R_base_imu)
+    offset_rad = float((expected.inv() * _rotation(imu[:, 6:10])).magnitude().max())
+    if offset_rad > MAX_ATTITUDE_OFFSET_RAD:
+        problems.append(f'the IMU is turned {offset_rad:.4f} rad from its mount')
+    attitude_rad, velocity_mps, position_m = drifts
+    report.verdict('imu and odometry', problems, f'drift in 1 s: {attitude_rad:.1e} rad, '
+                   f'{velocity_mps:.1e} m/s, {position_m:.1e} m')
 
 
 def imu_noise(rover: RoverData, report: CheckReport) -> None:
@@ -245,11 +219,12 @@ def imu_noise(rover: RoverData, report: CheckReport) -> None:
     if offset is None:
         report.add('imu noise', Status.SKIP, 'raw signal, truth and bias not all in the bag')
         return
+    sigmas, worst = offset
     problems = []
-    if offset.sigmas > MAX_NOISE_SIGMAS:
-        problems.append(f'raw minus truth minus bias is not noise: {offset.worst}, '
-                        f'{offset.sigmas:.1f} standard errors from 0')
-    report.verdict('imu noise', problems, f'mean within {offset.sigmas:.1f} standard errors')
+    if sigmas > MAX_NOISE_SIGMAS:
+        problems.append(f'raw minus truth minus bias is not noise: {worst}, '
+                        f'{sigmas:.1f} standard errors from 0')
+    report.verdict('imu noise', problems, f'mean within {sigmas:.1f} standard errors')
 
 
 def _vector(value: object) -> np.ndarray:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.bag.messages import header_ns, odometry_row
 from lunar_rover_sim.bag.reader import Bag, RawMessage
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedScenario
+from lunar_rover_sim.bag.series import Rows
 from lunar_rover_sim.bag.totals import driven_distance_m
 from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.errors import ConfigError
@@ -173,9 +174,7 @@ class Drive:
         self._bag = bag
         self._truth, self._camera = (bag.resolve(name) if bag.has(name) else ''
                                      for name in (bag.truth, topics.LEFT_INFO.name))
-        # Flat arrays: an hour of objects would take ten times their memory.
-        self._times_ns, self._odom_ns, self._frames_ns = array('q'), array('q'), array('q')
-        self._poses = array('d')
+        self._poses, self._frames_ns = Rows(), array('q')
         self._info: Any = None
 
     @property
@@ -186,26 +185,21 @@ class Drive:
     def add(self, message: RawMessage, decoded: Any) -> None:
         """Take a message, and the same decoded; of other topics they are left out."""
         if message.topic == self._truth and message.msgtype == topics.ODOM.type:
-            self._times_ns.append(message.time_ns)
-            self._odom_ns.append(header_ns(decoded))
-            self._poses.extend(odometry_row(decoded)[:7])
+            self._poses.add(header_ns(decoded), odometry_row(decoded)[:7])
         elif message.topic == self._camera and message.msgtype == topics.LEFT_INFO.type:
             self._frames_ns.append(header_ns(decoded))
             self._info = self._info or decoded
 
     def distance_m(self) -> float:
         """Return the distance driven [m]; 0 without odometry."""
-        return driven_distance_m(zip(self._times_ns, self._pose_rows().tolist()))
+        return driven_distance_m(*self._poses.arrays())
 
     def predictions(self) -> list[PredictionMiss]:
         """Return `predictions` of the drive; empty where odometry or images are missing."""
-        if self._info is None or not self._odom_ns:
+        if self._info is None or not len(self._poses):
             return []
-        return predictions(recorded_scenario(self._bag), np.array(self._odom_ns, np.int64),
-                           self._pose_rows(), self._info, np.array(self._frames_ns, np.int64))
-
-    def _pose_rows(self) -> Array:
-        return np.array(self._poses, float).reshape(-1, 7)
+        return predictions(recorded_scenario(self._bag), *self._poses.arrays(), self._info,
+                           np.array(self._frames_ns, np.int64))
 
 
 def sentence(found: Sequence[PredictionMiss]) -> str:

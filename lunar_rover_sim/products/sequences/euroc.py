@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.bag.messages import imu_row, pose_matrix, xyz
+from lunar_rover_sim.bag.messages import accel_row, imu_row, pose_matrix, xyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.frames import Array, inverse, wxyz_from_matrix
@@ -93,8 +93,7 @@ class EurocSequence(Sequence):
             if not self._has_bias:
                 self._truth(stamp_ns, np.zeros(6))
         else:
-            self._bias[stamp_ns] = np.array([*xyz(message.accel.angular),
-                                             *xyz(message.accel.linear)])
+            self._bias[stamp_ns] = np.array(accel_row(message))
         if stamp_ns in self._odometry and stamp_ns in self._bias:
             self._truth(stamp_ns, self._bias.pop(stamp_ns))
         for waiting in (self._odometry, self._bias):

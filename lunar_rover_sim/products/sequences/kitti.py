@@ -122,7 +122,7 @@ class KittiSequence(PosedSequence):
         cloud = recorded_cloud(bag)
         self.uses = (*PosedSequence.uses, *([cloud] if cloud else []))
         super().__init__(bag, folder, png)
-        self._T_base_left = self.suite.T_base_imu @ self.suite.T_imu_left
+        self._T_base_left = self.suite.mounts['left']
         self._T_first_odom: Array | None = None
         for k, baseline_m in enumerate(2 * (0.0, self.suite.baseline_m)):
             self.line('calib.txt', f'P{k}: {numbers(self.suite.P(baseline_m))}')

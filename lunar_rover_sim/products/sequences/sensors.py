@@ -133,6 +133,12 @@ class SensorSuite:
         return np.column_stack([self.K, (-self.focal_px[0] * baseline_m, 0.0, 0.0)])
 
     @property
+    def mounts(self) -> dict[str, Array]:
+        """left and right: (4, 4) optical frames in base_link."""
+        return {'left': self.T_base_imu @ self.T_imu_left,
+                'right': self.T_base_imu @ self.T_imu_right}
+
+    @property
     def baseline_m(self) -> float:
         """Distance between the optical centres [m]."""
         return float(np.linalg.norm(self.T_imu_left[:3, 3] - self.T_imu_right[:3, 3]))

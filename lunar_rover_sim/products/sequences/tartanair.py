@@ -69,8 +69,7 @@ class TartanAirSequence(PosedSequence):
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
         suite = self.suite
-        self._mounts = {'left': suite.T_base_imu @ suite.T_imu_left,
-                        'right': suite.T_base_imu @ suite.T_imu_right}
+        self._mounts = suite.mounts
         sides = ('left', 'right') if bag.has(topics.RIGHT_TRUE_DEPTH.name) else ('left',)
         for side in sides:
             self.depth = {**self.depth, f'depth_{side}': {
@@ -125,7 +124,7 @@ class TartanAirSequence(PosedSequence):
         if topic == topics.ODOM.name:
             super().data(topic, stamp_ns, message)
         elif self._flow is not None:
-            order = joint_order(message, self._flow.legs, self.path, SequenceError)
+            order = joint_order(message, self._flow.legs, self.path)
             self._flow.angles(stamp_ns, np.asarray(message.position, float)[order])
 
     def notes(self) -> list[str]:

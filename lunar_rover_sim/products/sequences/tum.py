@@ -37,7 +37,7 @@ class TumSequence(Sequence):
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
-        self._T_base_left = self.suite.T_base_imu @ self.suite.T_imu_left
+        self._T_base_left = self.suite.mounts['left']
         (folder / 'rgb').mkdir()
         (folder / 'depth').mkdir()
         self.line('rgb.txt', '# timestamp filename')

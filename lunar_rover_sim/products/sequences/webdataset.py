@@ -236,8 +236,7 @@ class WebDatasetSequence(PosedSequence):
         self._held: deque[_Sample] = deque()
         self._further: dict[int, dict[str, bytes]] = {}     # stamp [ns] → files
         self._lost = 0
-        self._mounts = {'left': self.suite.T_base_imu @ self.suite.T_imu_left,
-                        'right': self.suite.T_base_imu @ self.suite.T_imu_right,
+        self._mounts = {**self.suite.mounts,
                         **{camera.word: camera.T_base_camera for camera in self.further}}
         self._sensors = SensorSamples(bag)
         self._late_ns = LATE_NS if self._sensors.recorded else 0

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from lunar_rover_sim.bag.reader import Bag, open_bag
+from lunar_rover_sim.bag.series import Series
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import UsdError
 from lunar_rover_sim.base.frames import Array, BASE_FRAME, IMU_FRAME, matrix_from_wxyz
@@ -26,8 +27,8 @@ from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.regolith.overlay import CELL_M
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.products.usd.drive_tracks import (can_hold_tracks, continuous, DriveMotion,
-                                                       link_motion, read_ground_changes,
-                                                       read_motion, Series, write_tracks)
+                                                       link_motion, motion_of, read_ground_changes,
+                                                       write_tracks)
 from lunar_rover_sim.products.usd.rover_stage import compose_rover, JOINTS, LEFT, RIGHT
 from lunar_rover_sim.products.usd.stage import (check_output, Gf, is_package, new_stage,
                                                 quaternion, Sdf, Tf, Usd, UsdPhysics, vector,
@@ -61,15 +62,15 @@ def write_drive(bag: str | Path, path: str | Path, *, world: str | Path | None =
         world_stage: A stage of that world, which is referred to; by default one is written.
 
     Raises:
-        BagError: Where the bag cannot be read, has no scenario of this version, or `world` is
-            another world.
-        UsdError: Where it holds no drive, its world is not found, or the stage cannot be written.
+        BagError: Where the bag cannot be read, holds no drive or no scenario of this version, or
+            `world` is another world.
+        UsdError: Where its world is not found, or the stage cannot be written.
     """
     path = Path(path)
     check_output(path, overwrite)
     with open_bag(bag) as opened:
         recorded = RecordedRun(opened).nodes
-        motion = read_motion(opened, recorded.rover.legs)
+        motion = motion_of(opened, recorded.rover.legs)
         changes = read_ground_changes(opened)
         found = None
         if world_stage is None:

@@ -12,17 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import dataclasses
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.bag.ground_points import changes_of
-from lunar_rover_sim.bag.messages import header_ns, imu_row, joint_order, odometry_row, xyz
+from lunar_rover_sim.bag.messages import header_ns, imu_row, in_order, joint_order, xyz
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.series import Odometry, Rows
+from lunar_rover_sim.bag.series import Odometry, odometry_of, read_motion, Series
 from lunar_rover_sim.base import topics
-from lunar_rover_sim.base.errors import UsdError
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, product_wxyz
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.regolith.overlay import CELL_M, GroundChanges
@@ -31,13 +30,6 @@ from lunar_rover_sim.products.usd.ground import tile_cells, triangles
 from lunar_rover_sim.products.usd.stage import (add_mesh, Gf, integers, label, place, points, Sdf,
                                                 Usd, UsdGeom, Vt)
 from lunar_rover_sim.rover.description import Legs, RoverDescription
-
-
-class Series(NamedTuple):
-    """stamps_ns (n,) and values (n, k)."""
-
-    stamps_ns: NDArray[np.int64]
-    values: Array
 
 
 class DriveMotion(NamedTuple):
@@ -62,34 +54,21 @@ class DriveMotion(NamedTuple):
         return round(NS_PER_S / float(np.median(steps))) if len(steps) else 1
 
 
-def read_motion(bag: Bag, legs: Legs) -> DriveMotion:
-    """Return the motion in a bag, which is read once; raise UsdError where it holds no drive.
+def motion_of(bag: Bag, legs: Legs) -> DriveMotion:
+    """Return the motion in a bag, which is read once; raise BagError where it holds no drive.
 
     Args:
         legs: Of the recorded rover, for the order of the values.
     """
     contacts = topics.of_legs([topics.CONTACT], legs.names)
-    for name in (bag.truth, topics.JOINT_STATES.name):
-        if not bag.count(name):
-            raise UsdError(f'{bag.path}: holds no drive: {name} is missing')
-    rows: dict[str, Callable[[Any], Any]] = {
-        bag.truth: odometry_row,
-        topics.JOINT_STATES.name: lambda m: _joint_row(bag, legs, m),
+    found = read_motion(bag, legs, {
         topics.JOINT_COMMANDS.name:
-            lambda m: _values(m.velocity, joint_order(m, legs, bag.path, UsdError)),
+            lambda m: in_order(m.velocity, joint_order(m, legs, bag.path)),
         topics.IMU_RAW.name: imu_row,
         **{topic.name: lambda m: xyz(m.wrench.force) for topic in contacts},
-        topics.LEFT_INFO.name: lambda m: ()}
-    names = {bag.resolve(name): name for name in rows if bag.has(name)}
-    read = {name: Rows() for name in names.values()}
-    for full_name, _, message in bag.messages(names):
-        name = names[full_name]
-        read[name].add(header_ns(message), rows[name](message))
-    found = {name: Series(*rows_of.arrays()) for name, rows_of in read.items() if len(rows_of)}
-    odometry, states = found[bag.truth], found[topics.JOINT_STATES.name]
-    pose = odometry.values
-    count = len(legs.each)
-    angles, velocity, torque = np.split(states.values, [count, 2 * count], axis=1)
+        topics.LEFT_INFO.name: lambda m: ()})
+    odometry, states = odometry_of(found[bag.truth]), found[topics.JOINT_STATES.name]
+    angles, velocity, torque = np.split(states.values, 3, axis=1)
     joints = np.stack([np.interp(odometry.stamps_ns, states.stamps_ns, angle)
                        for angle in angles.T], axis=-1)
     others = {'joint_velocity': Series(states.stamps_ns, velocity),
@@ -97,9 +76,9 @@ def read_motion(bag: Bag, legs: Legs) -> DriveMotion:
     keys = {topics.JOINT_COMMANDS.name: 'joint_command', topics.IMU_RAW.name: 'imu',
             topics.LEFT_INFO.name: 'frames',
             **{topic.name: f'contact/{leg}' for leg, topic in zip(legs.names, contacts)}}
-    others |= {key: found[name] for name, key in keys.items() if name in found}
-    path = Odometry(odometry.stamps_ns, pose[:, 0:3], pose[:, 3:7], pose[:, 7:13])
-    return DriveMotion(path, joints, others)
+    others |= {key: found[name] for name, key in keys.items()
+               if name in found and len(found[name].stamps_ns)}
+    return DriveMotion(odometry, joints, others)
 
 
 def link_motion(rover: RoverDescription, motion: DriveMotion) -> dict[str, tuple[Array, Array]]:
@@ -121,18 +100,6 @@ def continuous(orientations_wxyz: Array) -> Array:
     flips = np.sum(orientations_wxyz[1:] * orientations_wxyz[:-1], axis=1) < 0.0
     sign = np.where(np.cumsum(np.concatenate([[False], flips])) % 2, -1.0, 1.0)
     return orientations_wxyz * sign[:, None]
-
-
-def _joint_row(bag: Bag, legs: Legs, message: Any) -> Array:
-    """Return angles, velocities and torques, in our order."""
-    order = joint_order(message, legs, bag.path, UsdError)
-    return np.concatenate([_values(v, order) for v in (message.position, message.velocity,
-                                                       message.effort)])
-
-
-def _values(values: Any, order: list[int]) -> Array:
-    """Return values in our order; NaN where a message has none."""
-    return np.asarray(values, float)[order] if len(values) else np.full(len(order), np.nan)
 
 
 TRACKS = 'tracks'
