@@ -185,6 +185,12 @@ class StorageFile:
         self.count += 1
 
 
+def topic_metadata(topic: str, msgtype: str, profiles: object, hash_rihs01: str) -> dict[str, Any]:
+    """Return what metadata.yaml says of a topic; profiles as `dump_qos_v9` gives them."""
+    return {'name': topic, 'type': msgtype, 'serialization_format': 'cdr',
+            'offered_qos_profiles': profiles, 'type_description_hash': hash_rihs01}
+
+
 def bag_information(files: Sequence[StorageFile], custom: dict[str, str], distribution: str,
                     topics: list[tuple[dict[str, Any], int]]) -> dict[str, Any]:
     """Return what metadata.yaml says of a bag in MCAP.

@@ -21,7 +21,7 @@ from rosbags.rosbag2.metadata import dump_qos_v9
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.metadata import (bag_information, check_files, qos_of_text, storage_files,
-                                          StorageFile, write_metadata)
+                                          StorageFile, topic_metadata, write_metadata)
 from lunar_rover_sim.bag.reader import open_bag, typestore_of
 from lunar_rover_sim.bag.writer import BagWriter, in_words
 from lunar_rover_sim.base.errors import BagError
@@ -130,12 +130,10 @@ def _information_of(files: Sequence[Path], reason: str) -> tuple[dict[str, Any],
             typestore = typestore_of(reader.connections)
             for c in reader.connections:
                 before = topics[c.topic][1] if c.topic in topics else 0
-                topics[c.topic] = ({
-                    'name': c.topic, 'type': c.msgtype, 'serialization_format': 'cdr',
-                    'offered_qos_profiles': dump_qos_v9(
-                        getattr(c.ext, 'offered_qos_profiles', [])),
-                    'type_description_hash': typestore.hash_rihs01(c.msgtype),
-                }, before + c.msgcount)
+                profiles = dump_qos_v9(getattr(c.ext, 'offered_qos_profiles', []))
+                topics[c.topic] = topic_metadata(
+                    c.topic, c.msgtype, profiles,
+                    typestore.hash_rihs01(c.msgtype)), before + c.msgcount
     information = bag_information(found, {'incomplete': reason}, 'jazzy', list(topics.values()))
     return information, sum(file.count for file in found)
 

@@ -32,7 +32,7 @@ from rosbags.typesys.store import Typestore
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.metadata import (as_recorded, bag_information, contract_qos, StorageFile,
-                                          write_metadata)
+                                          topic_metadata, write_metadata)
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.bag.totals import REAL_TIME_FACTOR, RECORDED_COUNTS, RESUMED_NS
 from lunar_rover_sim.base.errors import BagError, one_line
@@ -300,10 +300,9 @@ class BagWriter:
         """Return what metadata.yaml says of the files so far."""
         return bag_information(
             files, custom, self._distribution,
-            [({'name': topic, 'type': msgtype, 'serialization_format': 'cdr',
-               'offered_qos_profiles': self._profiles[topic],
-               'type_description_hash': self._typestore.hash_rihs01(msgtype)},
-              self.counts[topic]) for topic, msgtype in self._types.items()])
+            [(topic_metadata(topic, msgtype, self._profiles[topic],
+                             self._typestore.hash_rihs01(msgtype)), self.counts[topic])
+             for topic, msgtype in self._types.items()])
 
     def __enter__(self) -> BagWriter:
         return self
