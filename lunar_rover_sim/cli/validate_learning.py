@@ -9,13 +9,12 @@ import click
 
 from lunar_rover_sim.autonomy.learning.policy_file import Policy, policy_names, policy_path
 from lunar_rover_sim.autonomy.learning.randomisation import GROUNDS as ALL_GROUNDS
-from lunar_rover_sim.base.errors import ConfigError, StudyError
-from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
 from lunar_rover_sim.judge.studies.learning import (Case, COMMANDS, GROUNDS, HIDDEN_SEEDS,
-                                                    PACKAGED, report_text, SETTINGS, SLOPES_DEG,
-                                                    walk, WalkStore, write_walks)
+                                                    PACKAGED, SETTINGS, SLOPES_DEG, walk,
+                                                    WalkStore, write_all)
 
 
 def _velocity(text: str) -> tuple[float, float]:
@@ -72,9 +71,6 @@ def learning(policies: Sequence[str], against: str, output: Path, resume: bool,
     with Progress('walking', len(cases)) as progress:
         walks = list(store.study(walk, cases, workers,
                                  lambda _case, _walk, done: progress(done)).values())
-    write_walks(output / 'learning.csv', walks)
-    text = report_text(walks, walker_of[against])
-    atomic_write(output / 'learning.md', text, StudyError)
-    print_markdown(text)
+    print_markdown(write_all(walks, walker_of[against], output))
     say(f'{output}: {len(walks)} walks')
     return 0

@@ -23,14 +23,13 @@ from lunar_rover_sim.autonomy.learning.randomisation import physics_of, terrain
 from lunar_rover_sim.autonomy.learning.senses import Sample
 from lunar_rover_sim.autonomy.learning.task import FALLEN_DEG, STATE_HZ
 from lunar_rover_sim.base.errors import ConfigError, PhysicsError, StudyError
-from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import check_regular
 from lunar_rover_sim.base.files.results import csv_table, markdown_table
 from lunar_rover_sim.base.frames import tilt_deg
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.judge.evaluation.statistics import adjusted, Comparison, Mean
-from lunar_rover_sim.judge.studies.study_folder import StudyFolder
+from lunar_rover_sim.judge.studies.study_folder import StudyFolder, write_report
 from lunar_rover_sim.judge.studies.walking import by_gait, DUG_IN, WALKED, Walker
 from lunar_rover_sim.products.inspection.tracking import prediction_miss
 from lunar_rover_sim.rover.description import load_rover, RoverDescription
@@ -158,12 +157,13 @@ class WalkStore(StudyFolder[Case, PolicyWalk]):
         return PolicyWalk(**{**values, 'case': Case(**values['case'])})
 
 
-def write_walks(path: Path, walks: Sequence[PolicyWalk]) -> None:
-    """Write walks as CSV."""
+def write_all(walks: Sequence[PolicyWalk], against: str, folder: Path) -> str:
+    """Write learning.md and learning.csv; return the text of the first."""
     names = [field.name for field in dataclasses.fields(Case)]
-    atomic_write(path, csv_table([*names, 'outcome', *MEASURED], (
-        [Path(one.case.walker).stem, *dataclasses.astuple(one.case)[1:], one.outcome,
-         *(f'{getattr(one, name):.6g}' for name in MEASURED)] for one in walks)), StudyError)
+    return write_report(folder, 'learning', report_text(walks, against), csv_table(
+        [*names, 'outcome', *MEASURED],
+        ([Path(one.case.walker).stem, *dataclasses.astuple(one.case)[1:], one.outcome,
+          *(f'{getattr(one, name):.6g}' for name in MEASURED)] for one in walks)))
 
 
 def report_text(walks: Sequence[PolicyWalk], against: str = PACKAGED) -> str:

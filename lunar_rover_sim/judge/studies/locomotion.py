@@ -25,7 +25,7 @@ from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.gravity import EARTH_MPS2, MOON_MPS2
 from lunar_rover_sim.image.camera.rig import StereoRig
 from lunar_rover_sim.judge.studies.gait_measurement import CommandTracking
-from lunar_rover_sim.judge.studies.study_folder import Progress, silent
+from lunar_rover_sim.judge.studies.study_folder import Progress, silent, write_report
 from lunar_rover_sim.judge.studies.walking import (flat_world, STATE_PERIOD_S, walk, Walk,
                                                    with_physics)
 from lunar_rover_sim.products.inspection.tracking import LOST_PX, prediction_miss, PredictionMiss
@@ -380,8 +380,7 @@ def write_all(cases: Sequence[LocomotionCase], tracking: Sequence[CommandTrackin
     Raises:
         StudyError: If one cannot be written.
     """
-    text = report_text(cases, tracking)
-    atomic_write(folder / 'locomotion.md', text, StudyError)
+    text = write_report(folder, 'locomotion', report_text(cases, tracking))
     plot_cases(cases, folder / 'locomotion.png')
     write_curves(cases, folder / 'pitch.csv')
     return text

@@ -28,15 +28,14 @@ from lunar_rover_sim.autonomy.navigation.traversability import (belly_clearance_
                                                                 traversability, Traversability)
 from lunar_rover_sim.autonomy.path_following.driver import DONE, Driver, STOPPED
 from lunar_rover_sim.base.errors import PhysicsError, StudyError
-from lunar_rover_sim.base.files.atomic import atomic_write
-from lunar_rover_sim.base.files.results import markdown_table, save_figure
+from lunar_rover_sim.base.files.results import csv_table, markdown_table, save_figure
 from lunar_rover_sim.base.frames import Array, path_length, tilt_deg
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.site import OneWindow
 from lunar_rover_sim.image.stereo.seen_depth import SeenDepth
 from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
 from lunar_rover_sim.judge.evaluation.statistics import Comparison, either_alone_p, Mean, Share
-from lunar_rover_sim.judge.studies.study_folder import StudyFolder
+from lunar_rover_sim.judge.studies.study_folder import StudyFolder, write_report
 from lunar_rover_sim.judge.studies.walking import by_gait, STATE_PERIOD_S, Walker
 from lunar_rover_sim.rover.mjcf import BASE_BODY
 from lunar_rover_sim.rover.physics.simulation import Simulation
@@ -447,16 +446,12 @@ def _mean(values: Sequence[float], digits: int) -> str:
 
 def write_all(drives: dict[Case, GoalDrive], distance_m: float, folder: Path) -> str:
     """Write navigation.md, navigation.csv and navigation.png; return the text of the first."""
-    text = report_text(drives, distance_m)
-    atomic_write(folder / 'navigation.md', text, StudyError)
     fields = [f.name for f in dataclasses.fields(GoalDrive)
               if f.name not in ('path_m', 'seed', 'driver')]
-    table = [','.join((*Case._fields, *fields))]
-    for case, drive in drives.items():
-        values = [getattr(drive, name) for name in fields]
-        table.append(','.join(str(v).replace(',', ';') if not isinstance(v, float)
-                              else f'{v:.4f}' for v in (*case, *values)))
-    atomic_write(folder / 'navigation.csv', '\n'.join(table) + '\n', StudyError)
+    rows = ((*case, *(getattr(drive, name) for name in fields)) for case, drive in drives.items())
+    text = write_report(folder, 'navigation', report_text(drives, distance_m), csv_table(
+        (*Case._fields, *fields), ([f'{v:.4f}' if isinstance(v, float)
+                                    else str(v).replace(',', ';') for v in row] for row in rows)))
     plot_ways(drives, folder / 'navigation.png')
     return text
 

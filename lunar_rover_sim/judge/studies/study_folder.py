@@ -58,6 +58,18 @@ def in_processes(function: Callable[[Item], Result], items: Sequence[Item],
             raise StudyError(f'a worker process died: {error}') from None
 
 
+def write_report(folder: Path, name: str, text: str, table: str = '') -> str:
+    """Write NAME.md, and a table as NAME.csv; return the text, which is Markdown.
+
+    Raises:
+        StudyError: If one cannot be written.
+    """
+    atomic_write(folder / f'{name}.md', text, StudyError)
+    if table:
+        atomic_write(folder / f'{name}.csv', table, StudyError)
+    return text
+
+
 Case = TypeVar('Case')
 Drive = TypeVar('Drive')
 

@@ -22,7 +22,6 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from lunar_rover_sim.base.errors import ConfigError, PhysicsError, StudyError
-from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.results import csv_table, markdown_table, save_figure
 from lunar_rover_sim.base.frames import Array, rpy_from_wxyz
 from lunar_rover_sim.ground.regolith.config import RIGID
@@ -31,7 +30,8 @@ from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.judge.evaluation.statistics import (adjusted, CONFIDENCE, either_alone_p,
                                                          Estimate, Mean, Share, signed_rank_p)
-from lunar_rover_sim.judge.studies.study_folder import map_in_processes, Progress, silent
+from lunar_rover_sim.judge.studies.study_folder import (map_in_processes, Progress, silent,
+                                                        write_report)
 from lunar_rover_sim.judge.studies.walking import (by_gait, DUG_IN, on_ground, sloping_world,
                                                    WALKED, Walker, with_physics)
 from lunar_rover_sim.rover.physics.config import StartPose
@@ -154,12 +154,10 @@ _FIELDS = tuple(field.name for field in dataclasses.fields(GroundWalk)[2:])
 
 def write_all(walks: Sequence[GroundWalk], folder: Path) -> str:
     """Write terramechanics.md, .csv and .png into a folder; return the text."""
-    text = report_text(walks)
-    atomic_write(folder / 'terramechanics.md', text, StudyError)
-    table = csv_table(('ground', 'slope_deg', 'pull', 'outcome', *_FIELDS), (
-        (walk.ground.name, walk.ground.slope_deg, walk.ground.pull, walk.outcome,
-         *(getattr(walk, name) for name in _FIELDS)) for walk in walks))
-    atomic_write(folder / 'terramechanics.csv', table, StudyError)
+    text = write_report(folder, 'terramechanics', report_text(walks), csv_table(
+        ('ground', 'slope_deg', 'pull', 'outcome', *_FIELDS),
+        ((*dataclasses.astuple(walk.ground), walk.outcome,
+          *(getattr(walk, name) for name in _FIELDS)) for walk in walks)))
     plot(walks, folder / 'terramechanics.png')
     return text
 
@@ -349,9 +347,7 @@ def write_walks(walks: Walks, folder: Path) -> str:
         parts += [f'## {speed:g} m/s', '',
                   comparison_text(compare(results, WALK_QUANTITIES), next(iter(results)))]
         plot_comparison(results, WALK_QUANTITIES, folder / f'grounds_{speed:g}.png')
-    text = '\n'.join(parts)
-    atomic_write(folder / 'grounds.md', text, StudyError)
-    return text
+    return write_report(folder, 'grounds', '\n'.join(parts))
 
 
 def _on_relief(scenario: Scenario, relief: WorldConfig, duration_s: float,

@@ -18,14 +18,13 @@ from scipy.ndimage import uniform_filter1d
 from lunar_rover_sim.autonomy.path_following.config import DriveConfig
 from lunar_rover_sim.autonomy.path_following.driver import DONE, Driver, Stop
 from lunar_rover_sim.base.errors import PhysicsError, StudyError
-from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.results import csv_table, markdown_table, save_figure
 from lunar_rover_sim.base.frames import Array, distance_along, path_length, tilt_deg
 from lunar_rover_sim.ground.world.cache import cached
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.site import OneWindow
 from lunar_rover_sim.ground.world.world_folder import load_world
-from lunar_rover_sim.judge.studies.study_folder import StudyFolder
+from lunar_rover_sim.judge.studies.study_folder import StudyFolder, write_report
 from lunar_rover_sim.judge.studies.terramechanics import (compare, comparison_text,
                                                           plot_comparison, Quantity)
 from lunar_rover_sim.judge.studies.walking import (by_gait, DUG_IN, on_ground, STATE_PERIOD_S,
@@ -409,17 +408,10 @@ def write_all(results: Sequence[Traverse], scenario: str, folder: Path) -> str:
     Raises:
         StudyError: If one cannot be written.
     """
-    text = report_text(results, scenario)
-    atomic_write(folder / 'traverse.md', text, StudyError)
-    write_csv(results, folder / 'traverse.csv')
+    text = write_report(folder, 'traverse', report_text(results, scenario), csv_table(
+        _FIELDS, ([getattr(result, name) for name in _FIELDS] for result in results)))
     plot_paths(results, folder / 'traverse.png')
     return text
-
-
-def write_csv(results: Sequence[Traverse], path: str | Path) -> None:
-    """Write one row per drive; raise StudyError if the file cannot be written."""
-    rows = ([getattr(result, name) for name in _FIELDS] for result in results)
-    atomic_write(path, csv_table(_FIELDS, rows), StudyError)
 
 
 def plot_paths(results: Sequence[Traverse], path: str | Path) -> None:
@@ -465,7 +457,7 @@ def write_grounds(results: Mapping[str, Sequence[Traverse]], scenario: str, fold
             + '\n'.join(f'{name}: {len(each)} drives, {tipped(each)} tipped over,'
                         f' {stranded(each)} stranded.\n'
                         for name, each in results.items()))
-    atomic_write(folder / 'grounds.md', text, StudyError)
+    write_report(folder, 'grounds', text)
     plot_comparison(results, QUANTITIES, folder / 'grounds.png')
     for name, each in results.items():
         (folder / name).mkdir(exist_ok=True)
