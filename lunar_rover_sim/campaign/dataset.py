@@ -283,9 +283,10 @@ def _problem(episode: Path, drawn: Mapping[str, Any] | None) -> str | None:
         return 'is not the folder of an episode'
     if not (episode / MANIFEST).is_file():
         return f'{MANIFEST} is missing'
-    manifest = _read(episode / MANIFEST)
-    if isinstance(manifest, str):
-        return manifest
+    try:
+        manifest = read_json(episode / MANIFEST)
+    except CampaignError as error:
+        return str(error)
     if manifest.get('name') != episode.name:
         return f'is episode {brief(manifest.get("name"))}: the folder was renamed'
     # As JSON writes them.
@@ -321,11 +322,3 @@ def _other_bag(episode: Path, manifest: Mapping[str, Any]) -> str | None:
         return str(error)
     named = manifest.get('bag_hash')
     return None if named == found else f'bag_hash {brief(named)} is not that of its bag, {found}'
-
-
-def _read(path: Path) -> dict[str, Any] | str:
-    """Return the object in a JSON file, or why it cannot be read."""
-    try:
-        return read_json(path)
-    except CampaignError as error:
-        return str(error)

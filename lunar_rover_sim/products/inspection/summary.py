@@ -81,14 +81,10 @@ def summarise(path: Path) -> Summary:
 def notes_on(bag: Bag) -> tuple[str, ...]:
     """Return lines on what one may not expect: that a recording was resumed, that tf is missing.
     """
-    return tuple(filter(None, (resumed_line(bag), *missing_tf(bag))))
-
-
-def missing_tf(bag: Bag) -> tuple[str, ...]:
-    """Return a line where poses, but no tf, are recorded; else nothing."""
-    if bag.has(topics.TF.name) or not bag.has(bag.truth):
-        return ()
-    return (f'no tf: it was not to be recorded; {bag.truth} has the poses',)
+    no_tf = not bag.has(topics.TF.name) and bag.has(bag.truth)
+    return tuple(filter(None, (
+        resumed_line(bag),
+        f'no tf: it was not to be recorded; {bag.truth} has the poses' if no_tf else '')))
 
 
 def _goal_line(array: Any) -> str:

@@ -13,6 +13,7 @@ import synthetic_bag as synthetic
 from synthetic_ground import ground_items
 import worlds
 
+from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.base import topics
@@ -43,14 +44,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
                         (topics.SCENARIO, Scenario.load('soft', PLAIN).to_yaml())):
         items.insert(0, synthetic.text(topic, data))
     items += ground_items(0.5)
-    order = sorted(items, key=lambda item: item.fallback_ns or header_ns(item))
+    order = sorted(items, key=lambda item: item.fallback_ns or (
+        header_ns(item.message) if hasattr(item.message, 'header') else 0))
     return Recorded(synthetic.write(folder / 'bag', order), folder / 'moon')
-
-
-def header_ns(item: synthetic.Item) -> int:
-    """Return the stamp of a message with a header; 0 without one."""
-    head = getattr(item.message, 'header', None)
-    return 0 if head is None else head.stamp.sec * 10**9 + head.stamp.nanosec
 
 
 def test_frames(recorded: Recorded) -> None:
