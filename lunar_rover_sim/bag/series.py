@@ -48,7 +48,8 @@ class Odometry(NamedTuple):
     def every_step(self) -> Odometry:
         """Return the first state of every 0.1 s, and the last one."""
         kept = every_step(self.stamps_ns)
-        return Odometry(*(column[kept] for column in self))
+        return Odometry(self.stamps_ns[kept], self.positions_m[kept],
+                        self.orientations_wxyz[kept], self.twists[kept])
 
     @property
     def distance_m(self) -> float:

@@ -36,9 +36,10 @@ def on_ground(scenario: Scenario, name: str) -> Scenario:
     Raises:
         ConfigError: For a preset that does not exist.
     """
-    other = {'model': RIGID} if name == RIGID else {'model': REGOLITH, 'preset': name}
-    return with_physics(scenario, ground=dataclasses.replace(scenario.physics_node.ground,
-                                                             **other))
+    ground = scenario.physics_node.ground
+    return with_physics(scenario, ground=(
+        dataclasses.replace(ground, model=RIGID) if name == RIGID else
+        dataclasses.replace(ground, model=REGOLITH, preset=name)))
 
 
 @dataclasses.dataclass(frozen=True)
