@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from lunar_rover_sim.base.files.results import markdown_table
 from lunar_rover_sim.base.frames import inverse, se3
 from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
-from lunar_rover_sim.judge.evaluation.statistics import Median, Share
+from lunar_rover_sim.judge.evaluation.statistics import Median, Share, signed_rank_p
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import fixes, Nees
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor, Doubt
@@ -168,6 +168,13 @@ def main() -> None:
                                  if k not in ('seed', 'kind', 'pixel_m')}, flush=True)
                 drives.append(made)
     print(*table(drives), sep='\n')
+    first = {kind: np.array([d['first_m'] for d in drives if d['kind'] == kind])
+             for kind in ('own', 'without photo')}
+    if len(first['own']) == len(first['without photo']) > 1:
+        later = first['without photo'] - first['own']
+        known = np.isfinite(later)
+        print(f'without the photo the first fix is {np.median(later[known]):.0f} m later, median '
+              f'of {known.sum()} pairs; p of no difference {signed_rank_p(later[known]):.2g}')
 
 
 if __name__ == '__main__':
