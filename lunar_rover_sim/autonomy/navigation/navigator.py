@@ -243,7 +243,8 @@ class Navigator:
         self._look: tuple[int, float, Array | None] | None = None   # since, heading, what
         self._facing_ns: int | None = None
         self._around = 0
-        self._back: tuple[int, Array, float, str] | None = None    # since, from where, way, why
+        # Since when it backs off, from where, how far, why, and to which place of its trail.
+        self._back: tuple[int, Array, float, str, Array | None] | None = None
         self._turning_ns: int | None = None
         self._history: deque[tuple[int, float, float, float]] = deque()
         self._turned, self._heading = 0.0, 0.0
@@ -584,8 +585,13 @@ class Navigator:
         heading = self._heading
         way = 0.0 if self._planner is None else self._planner.clear_back_m(
             position, heading, self._config.back_off_m)
-        self.notes.append(f'backs off by {way:.2f} m: {text}')
-        for ahead in (_BUMP_AHEAD_M, _BUMP_AHEAD_M + _BUMP_RADIUS_M):
+        place = self._trail_back(position) if way < 0.5 * self._config.back_off_m else None
+        bumps: tuple[float, ...] = _BUMP_AHEAD_M, _BUMP_AHEAD_M + _BUMP_RADIUS_M
+        if place is not None:
+            way, bumps = math.dist(place, position[:2]), (0.0,)
+        self.notes.append(f'backs off by {way:.2f} m'
+                          f'{"" if place is None else " on its trail"}: {text}')
+        for ahead in bumps:
             self._discs.append(Disc(float(position[0]) + ahead * math.cos(heading),
                                     float(position[1]) + ahead * math.sin(heading),
                                     _BUMP_RADIUS_M, Ground.BUMP, self._now_ns + _REMEMBERED_NS))
@@ -593,16 +599,37 @@ class Navigator:
         self._rearing.end(self._now_ns)
         if way < _LEAST_BACK_M:
             return self._plan_again()
-        self._back = self._now_ns, position.copy(), way, text
-        return NavigatorCommand(_BACK_MPS, 0.0, Status.BACKING, text)
+        self._back = self._now_ns, position.copy(), way, text, place
+        return self._go_back(position)
+
+    def _trail_back(self, position: Array) -> Array | None:
+        """Return the place of its trail to which it backs off, and forget the trail from there on.
+
+        It has been there: that ground carries it, whatever the map says.
+        """
+        for k in range(len(self._trail) - 1, -1, -1):
+            place = np.array([self._trail[k].x_m, self._trail[k].y_m])
+            if math.dist(place, position[:2]) >= self._config.back_off_m:
+                del self._trail[k + 1:]
+                return place
+        return None
 
     def _go_back(self, position: Array) -> NavigatorCommand:
         assert self._back is not None
-        since, start, way, text = self._back
+        since, start, way, text, place = self._back
         gone = float(np.linalg.norm(position[:2] - start[:2]))
-        if gone < way and self._now_ns - since < 3.0e9 * way / -_BACK_MPS:
+        if gone >= way or self._now_ns - since >= 3.0e9 * way / -_BACK_MPS:
+            return self._plan_again()
+        if place is None:
             return NavigatorCommand(_BACK_MPS, 0.0, Status.BACKING, text)
-        return self._plan_again()
+        # On an arc to that place, with whichever end is nearer to it.
+        off = place - position[:2]
+        angle = math.remainder(math.atan2(off[1], off[0]) - self._heading, 2.0 * math.pi)
+        forward = -_BACK_MPS if abs(angle) < 0.5 * math.pi else _BACK_MPS
+        bend = math.sin(angle) if forward > 0.0 else -math.sin(angle)
+        most = self._config.max_yaw_rate_radps
+        rate = 2.0 * -_BACK_MPS * bend / max(float(np.linalg.norm(off)), _LEAST_BACK_M)
+        return NavigatorCommand(forward, min(max(rate, -most), most), Status.BACKING, text)
 
     def _plan_again(self) -> NavigatorCommand:
         self._back = self._planned_ns = self.plan = self._pursuit = None

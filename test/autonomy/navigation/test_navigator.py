@@ -214,6 +214,32 @@ def test_a_body_that_stays_up_is_let_down_by_going_back_not_by_standing():
     assert sum(c.forward_mps < 0.0 for c in commands) > 20
 
 
+@pytest.mark.parametrize('yaw_deg', [100.0, -100.0, 20.0])
+def test_where_it_cannot_back_off_straight_it_takes_its_trail(yaw_deg):
+    """It has turned on a slope that it cannot leave straight back, and nowhere else is a way."""
+    rover = made(ground())
+    while rover.x < 0.0:
+        rover.step()
+    rover.yaw = np.radians(yaw_deg)
+    behind = rover.x - 0.4 * np.cos(rover.yaw), rover.y - 0.4 * np.sin(rover.yaw)
+    rover.cost = ground((behind[0] - 0.1, behind[0] + 0.1, behind[1] - 0.1, behind[1] + 0.1))
+    rover.held = True
+    for _ in range(11):     # it plans on that map
+        rover.step()
+    rover.held = False
+    backing = []
+    for _ in range(300):
+        rover.pitch = np.radians(32.0 if np.hypot(rover.x - 0.05, rover.y) < 0.25 else 5.0)
+        backing.append(rover.step())
+        if np.hypot(rover.x - 0.05, rover.y) > 0.28:
+            break
+    assert np.hypot(rover.x - 0.05, rover.y) > 0.28
+    assert any('on its trail' in note for note in rover.navigator.notes)
+    assert max(abs(c.yaw_rate_radps) for c in backing) <= 0.35
+    rover.pitch = 0.0
+    assert rover.drive().status == Status.ARRIVED
+
+
 def test_a_body_that_rocks_is_let_alone():
     rover = made(ground())
     for k in range(100):
