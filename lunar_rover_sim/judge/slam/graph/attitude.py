@@ -81,11 +81,13 @@ class Attitude:
             _TILT_RAD, _FIRST_ACCEL_MPS2 / self._gravity_mps2)
         sigma = np.array([tilt, tilt, EXACT])
         self._R_map_sky = np.eye(3)
-        sun, stars = self._sun_at(stamp_ns), self._stars_at(stamp_ns)
+        # Without gravity the sun tells no heading.
+        sun = None if up is None else self._sun_at(stamp_ns)
+        stars = self._stars_at(stamp_ns)
         self._sun = self._stars = None
         if stars is not None:
             R, sigma[:] = stars[0], math.radians(1.0)
-        elif sun is not None and up is not None:
+        elif sun is not None:
             here, there = R @ sun[0], sun[1]
             yaw = math.atan2(there[1], there[0]) - math.atan2(here[1], here[0])
             R, sigma[2] = Rotation.from_euler('Z', yaw).as_matrix() @ R, math.radians(30.0)
@@ -96,9 +98,9 @@ class Attitude:
         graph.prior(0, T, covariance)
         if stars is not None:
             graph.attitude(0, *stars)
-        elif sun is not None and up is not None:
+        elif sun is not None:
             graph.direction(0, sun[1], sun[0], _SUN_RAD)
-        if stars is None and (sun is None or up is None):
+        else:
             self._R_map_sky = None
         return self._R_map_sky is not None
 
