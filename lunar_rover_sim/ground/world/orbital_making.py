@@ -178,7 +178,7 @@ def _photo(source: MappedGround, half_m: float, config: OrbitalConfig, coarse: F
     sight_first = 0.5 * (1 - len(coarse)) * config.pixel_m
     photo = np.empty((n, n), np.uint8)
     for rows, columns in _blocks(n):
-        tell((rows.start + columns.start / n * _BLOCK_PX) / n)
+        tell((rows.start + columns.start / n * (rows.stop - rows.start)) / n)
         x, y = (_sample_axis(part, n, pixel, samples, margin) for part in (columns, rows))
         heights = np.asarray(source.heights(x, y), np.float32)
         known = np.isfinite(heights)

@@ -49,6 +49,15 @@ def test_errors_have_the_covariance_that_is_stated(world: World) -> None:
     assert np.abs((found - stated) / scale).max() < 4.0 * np.sqrt(2.0 / len(off))
 
 
+def test_progress_goes_up_to_all_of_it(world: World) -> None:
+    told: list[tuple[str, float]] = []
+    orbital_map(world, dataclasses.replace(TRUE, photo_pixel_m=1.0),
+                lambda what, share: told.append((what, share)))
+    photo = [share for what, share in told if what == 'photo']
+    assert photo == sorted(photo) and len(photo) > 2
+    assert 0.0 <= photo[0] and photo[-1] <= 1.0
+
+
 def test_what_is_interrupted_leaves_nothing(world: World, tmp_path: Path,
                                             monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(_: object) -> None:
