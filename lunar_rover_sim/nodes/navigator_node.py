@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-import functools
 import math
-import pathlib
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -16,7 +14,7 @@ import numpy as np
 from std_msgs.msg import Header
 
 from lunar_rover_sim.autonomy.navigation.config import SLAM, TraversabilityConfig
-from lunar_rover_sim.autonomy.navigation.global_plan import GroundCosts
+from lunar_rover_sim.autonomy.navigation.from_orbit import CostsFromOrbit
 from lunar_rover_sim.autonomy.navigation.navigator import Navigator, NavigatorCommand, Status
 from lunar_rover_sim.autonomy.navigation.planner import Plan
 from lunar_rover_sim.autonomy.navigation.poses import JUMP_M
@@ -29,8 +27,6 @@ from lunar_rover_sim.base.files.state_file import attributes, restore_attributes
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.world.moon_place import reported_site
-from lunar_rover_sim.ground.world.orbital_making import orbital_map
-from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig, OrbitalMap
 from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.ground.world.world_folder import load_world
 from lunar_rover_sim.image.illumination.sun_of_date import sun_of_date
@@ -50,6 +46,14 @@ _KEPT = ('_last_period', '_maps', '_status', '_plan', '_goals', '_far_points', '
 _WAY_STEP_M = 0.1       # a walking body sways: shorter moves are no way
 
 
+def _sun_deg(config: NavigatorNodeConfig) -> tuple[float, float] | None:
+    """Return azimuth and elevation of the sun; None where it does not shine."""
+    world = load_world(config.world, verify=False) if config.world else None
+    sun = sun_of_date(config.sun, None if world is None else reported_site(world.report))
+    return ((sun.azimuth_deg, sun.elevation_deg) if sun.shines and sun.elevation_deg > 0.0
+            else None)
+
+
 class NavigatorNode(node_main.GraphNode):
     """Answers the true odometry of every command period with a velocity that bears its stamp.
 
@@ -65,12 +69,13 @@ class NavigatorNode(node_main.GraphNode):
         if config.world:
             half_extent_m = Site.of(load_world(config.world, verify=False)).half_extent_m
         if config.world or config.maps:
-            self._costs = functools.cache(self._costs_from_orbit)
+            self._costs = CostsFromOrbit(config.world, config.maps, config.far, _sun_deg(config))
         radius_m = config.radius_m or Limits.of(rover, TraversabilityConfig()).radius_m
         self._navigator = Navigator(config, radius_m, half_extent_m, self._costs)
         if self._costs is not None and any(math.dist(a, b) > config.far.from_m for a, b in zip(
                 ((0.0, 0.0), *config.goals), config.goals)):
-            costs = self._costs()       # now, since time may wait for it later
+            # Now, since time may wait for it later.
+            costs = self._costs([(0.0, 0.0), *config.goals])
             for goal in config.goals:
                 costs.checked(goal)
         self._period_ns = NS_PER_S // config.rate_hz
@@ -117,17 +122,6 @@ class NavigatorNode(node_main.GraphNode):
         self._place: Array | None = None
         self._driven_m, self._told_s = 0.0, -1
         self._is_done = False
-
-    def _costs_from_orbit(self) -> GroundCosts:
-        """Return what ground costs by maps from orbit, given or of the world, and the sun."""
-        config = self._config
-        world = load_world(config.world, verify=False) if config.world else None
-        maps = OrbitalMap.load(pathlib.Path(config.maps)) if world is None or config.maps \
-            else orbital_map(world, OrbitalConfig(photo_pixel_m=0.0), coarse=True)
-        sun = sun_of_date(config.sun, None if world is None else reported_site(world.report))
-        margin = 0.0 if world is None else Site.of(world).hole_margin_m
-        return GroundCosts.of(maps, config.far, (sun.azimuth_deg, sun.elevation_deg)
-                              if sun.shines and sun.elevation_deg > 0.0 else None, margin)
 
     # Checkpoints
 

@@ -15,7 +15,7 @@ from lunar_rover_sim.autonomy.navigation.incremental_search import Cell, Increme
 from lunar_rover_sim.base.compiled import compiled
 from lunar_rover_sim.base.errors import brief, NavigationError
 from lunar_rover_sim.base.frames import Array, distance_along
-from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
+from lunar_rover_sim.ground.world.orbital_map import NO_PHOTO, OrbitalMap
 from lunar_rover_sim.ground.world.shade import shadow
 
 F32 = NDArray[np.float32]
@@ -26,6 +26,9 @@ F32 = NDArray[np.float32]
 _SLOPE_COST, _ROUGH_M, _ROUGH_COST = 6.0, 0.5, 2.0
 _CRATER_COST, _DARK_COST, _BLOCKED_COST = 3.0, 10.0, 20.0
 _RIM = 1.2              # radii of a mapped crater that cost more
+# A photo shows shadows where its sun is so near to that of the rover in azimuth and in elevation:
+# its pixels that are darker than a share of what is bright, the quantile 0.9.
+_SAME_SUN_DEG, _BRIGHT, _DARK = (10.0, 1.0), 0.9, 0.1
 _SHOWN_CELLS = 8.0      # a crater of so many cells shows its walls in the heights
 _ESCAPE = 50.0          # of a cell where the rover stands although it may not cross it
 _SHORTCUT_CELLS = 24    # of a way that one straight line may replace
@@ -55,10 +58,10 @@ class GroundCosts:
         """Return the costs of a map from orbit.
 
         Args:
-            orbital: Heights and craters; slopes count less what their errors make of them.
+            orbital: Heights, craters and photo; slopes count less what their errors make of them.
             config: What is dear.
-            sun_deg: Azimuth and elevation of the sun, for the shadows of the relief; None: no
-                shadow is known.
+            sun_deg: Azimuth and elevation of the sun, for shadows: those of the photo where it
+                was taken under this sun, else those of the heights; None: no shadow is known.
             hole_margin_m: Ground nearer to a hole than this, in x or y, counts as a hole.
         """
         factor = max(1, round(config.cell_m / orbital.pixel_m))
@@ -91,7 +94,9 @@ class GroundCosts:
         x, y = (low + (np.arange(n) + 0.5) * cell for low, n in ((west, columns), (south, rows)))
         _add_craters(cost, x, y, cell, orbital)
         if sun_deg is not None:
-            cost[shadow(filled.astype(np.float32), cell, *sun_deg)] += _DARK_COST
+            seen = _seen_dark(orbital, sun_deg, (west, south), cell, cost.shape)
+            cost += _DARK_COST * np.where(
+                np.isnan(seen), shadow(filled.astype(np.float32), cell, *sun_deg), seen)
         cost[(share >= 1.0) | ~known] = np.inf
         return GroundCosts(cost.astype(np.float32), (west, south), cell, known)
 
@@ -175,6 +180,33 @@ def _roughness(heights: Array) -> Array:
 def _unresolved(stddev_m: float, cell_m: float, length_m: float) -> float:
     """Return how much of the errors of heights differs from cell to cell [m]."""
     return stddev_m * math.sqrt(-math.expm1(-(cell_m / length_m) ** 2))
+
+
+def _seen_dark(orbital: OrbitalMap, sun_deg: tuple[float, float], low_m: tuple[float, float],
+               cell_m: float, shape: tuple[int, ...]) -> Array:
+    """Return how much of each cell is dark on the photo; NaN where that does not tell."""
+    photo, config = orbital.photo, orbital.config
+    azimuth = (config.sun_azimuth_deg - sun_deg[0] + 180.0) % 360.0 - 180.0
+    elevation = config.sun_elevation_deg - sun_deg[1]
+    if not (photo != NO_PHOTO).any() or abs(azimuth) > _SAME_SUN_DEG[0] \
+            or abs(elevation) > _SAME_SUN_DEG[1]:
+        return np.full(shape, np.nan)
+    # Places along a side of a cell.
+    count = max(1, round(cell_m / config.photo_pixel_m))
+    pixels = [np.rint((low + (np.arange(n * count) + 0.5) * cell_m / count - first)
+                      / config.photo_pixel_m).astype(int)
+              for n, low, first in zip(shape, low_m[::-1], orbital.photo_first_m[::-1])]
+    inside = [(k >= 0) & (k < size) for k, size in zip(pixels, photo.shape)]
+    values = np.full([len(k) for k in pixels], NO_PHOTO, photo.dtype)
+    values[np.ix_(*inside)] = photo[np.ix_(*(k[there] for k, there in zip(pixels, inside)))]
+
+    def share(flags: NDArray[np.bool_]) -> Array:
+        return np.asarray(flags.reshape(shape[0], count, shape[1], count).mean(axis=(1, 3)))
+
+    seen = values != NO_PHOTO
+    dark = seen & (values < _DARK * np.quantile(photo[photo != NO_PHOTO], _BRIGHT))
+    with np.errstate(invalid='ignore'):
+        return share(dark) / share(seen)
 
 
 def _add_craters(cost: Array, x_m: Array, y_m: Array, cell_m: float,

@@ -118,14 +118,15 @@ class Navigator:
 
     def __init__(self, config: NavigatorConfig, radius_m: float,
                  half_extent_m: float | None = None,
-                 costs: Callable[[], GroundCosts] | None = None) -> None:
+                 costs: Callable[[Sequence[Array]], GroundCosts] | None = None) -> None:
         """Make a navigator.
 
         Args:
             radius_m: Of the circle around the rover and its spokes.
             half_extent_m: The world extends to +-half_extent_m [m]; None has no edge.
-            costs: Returns what ground costs by the map from orbit; called where a goal is farther
-                than `far.from_m`. None: there is no such map.
+            costs: Takes where the rover is and its goals, (2,) each, and returns what ground
+                costs by the map from orbit; called where a goal is farther than `far.from_m`.
+                None: there is no such map.
 
         Raises:
             NavigationError: If a goal of the configuration is outside the world.
@@ -346,7 +347,7 @@ class Navigator:
                                       for a, b in zip(places, places[1:])):
             return None
         try:
-            self.far = GlobalPlan(self._costs(), position, self._goals, self._config.far)
+            self.far = GlobalPlan(self._costs(places), position, self._goals, self._config.far)
         except NavigationError as error:
             return self._fail(Failure.BLOCKED, str(error), None)
         self.notes.append(f'plans over the map from orbit: {self.far.length_m:.0f} m')

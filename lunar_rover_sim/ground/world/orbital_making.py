@@ -38,23 +38,27 @@ _TRUNCATE = 4.0             # standard deviations of the kernel of the errors
 
 
 def orbital_map(ground: World | Site | MappedGround, config: OrbitalConfig = OrbitalConfig(),
-                progress: Progress | None = None, *, coarse: bool = False) -> OrbitalMap:
+                progress: Progress | None = None, *, coarse: bool = False,
+                photo_box: Box | None = None) -> OrbitalMap:
     """Return the maps of a site from orbit.
 
     Args:
         ground: A site, or a world: all of the site of which it is a window.
         config: Extent, pixels, sun of the photo, errors and their seed.
         progress: Called with what is being made and the fraction done so far.
-        coarse: Take a site's ground on cells as large as pixels, which is made much faster;
-            craters of a few pixels are missing, and others have a slightly other shape.
+        coarse: Take heights of a site's ground on cells as large as pixels, which is made much
+            faster; craters of a few pixels are missing, others have a slightly other shape.
+        photo_box: Part of which there is a photo, as far as the map reaches; None: all.
 
     Raises:
         WorldError: If the map would have fewer than 8 pixels along a side or more than 12,000, or
             reaches beyond the ground.
     """
-    source = ground if isinstance(ground, MappedGround) else MappedGround.of(
-        ground, config.pixel_m if coarse else
-        min(0.5 * config.pixel_m, config.photo_pixel_m or config.pixel_m))
+    def on(cell_m: float) -> MappedGround:
+        return ground if isinstance(ground, MappedGround) else MappedGround.of(ground, cell_m)
+
+    fine_m = min(0.5 * config.pixel_m, config.photo_pixel_m or config.pixel_m)
+    source = on(config.pixel_m if coarse else fine_m)
     tell = progress or (lambda what, fraction: None)
     half = 0.5 * config.extent_m or source.half_extent_m
     if half > source.half_extent_m:
@@ -69,25 +73,25 @@ def orbital_map(ground: World | Site | MappedGround, config: OrbitalConfig = Orb
     true = _true_heights(source, half, config.pixel_m, lambda share: tell('heights', share))
     n = len(true)
     first = 0.5 * (1 - n) * config.pixel_m
-    photo = np.zeros((0, 0), np.uint8)
+    photo, photo_first = np.zeros((0, 0), np.uint8), (0.0, 0.0)
     if config.photo_pixel_m:
-        photo = _photo(source, half, config, true, lambda share: tell('photo', share))
+        photo, photo_first = _photo(on(fine_m) if coarse else source, half, photo_box, config,
+                                    true, lambda share: tell('photo', share))
     axis = np.asarray(first + config.pixel_m * np.arange(n), np.float64)
     heights = (_smoothed(true, config.smooth_m / config.pixel_m)
                + _height_errors(config, axis)).astype(np.float32)
     for array in (heights, photo):
         array.setflags(write=False)
-    photo_first = 0.5 * (1 - len(photo)) * config.photo_pixel_m
     craters = _mapped(source.craters(_CRATER_PX * config.pixel_m), config, half)
-    return OrbitalMap(heights, (first, first), craters, photo, (photo_first, photo_first), config,
+    return OrbitalMap(heights, (first, first), craters, photo, photo_first, config,
                       source.recipe, source.name, source.crs, source.origin_m)
 
 
-def _blocks(n: int) -> Iterator[tuple[slice, slice]]:
-    starts = range(0, n, _BLOCK_PX)
-    for row in starts:
-        for column in starts:
-            yield (slice(row, min(row + _BLOCK_PX, n)), slice(column, min(column + _BLOCK_PX, n)))
+def _blocks(rows: slice, columns: slice) -> Iterator[tuple[slice, slice]]:
+    for row in range(rows.start, rows.stop, _BLOCK_PX):
+        for column in range(columns.start, columns.stop, _BLOCK_PX):
+            yield (slice(row, min(row + _BLOCK_PX, rows.stop)),
+                   slice(column, min(column + _BLOCK_PX, columns.stop)))
 
 
 def _samples(pixel_m: float) -> int:
@@ -109,7 +113,7 @@ def _true_heights(source: MappedGround, half_m: float, pixel_m: float,
                   tell: Callable[[float], object]) -> F32:
     n, samples = int(2.0 * half_m / pixel_m + 1e-9), _samples(pixel_m)
     heights = np.empty((n, n), np.float32)
-    for rows, columns in _blocks(n):
+    for rows, columns in _blocks(slice(0, n), slice(0, n)):
         tell(rows.start / n)
         x, y = (_sample_axis(part, n, pixel_m, samples) for part in (columns, rows))
         heights[rows, columns] = _means(source.heights(x, y), samples)
@@ -165,9 +169,13 @@ def _mapped(craters: Craters, config: OrbitalConfig, half_m: float) -> MappedCra
     return MappedCraters(place, size)
 
 
-def _photo(source: MappedGround, half_m: float, config: OrbitalConfig, coarse: F32,
-           tell: Callable[[float], object]) -> NDArray[np.uint8]:
-    """Return the photo; shadows of far relief are those of the coarse heights."""
+def _photo(source: MappedGround, half_m: float, box: Box | None, config: OrbitalConfig,
+           coarse: F32, tell: Callable[[float], object]
+           ) -> tuple[NDArray[np.uint8], tuple[float, float]]:
+    """Return the photo of a box and where its first pixel has its middle.
+
+    Shadows of far relief are those of the coarse heights.
+    """
     pixel, sun = config.photo_pixel_m, (config.sun_azimuth_deg, config.sun_elevation_deg)
     n, samples = int(2.0 * half_m / pixel + 1e-9), _samples(config.photo_pixel_m)
     cell = pixel / samples
@@ -176,16 +184,21 @@ def _photo(source: MappedGround, half_m: float, config: OrbitalConfig, coarse: F
     sight = line_of_sight(np.nan_to_num(coarse, nan=lowest), config.pixel_m, *sun,
                           from_cells=max(_NEAR_M / config.pixel_m, 1.0))
     sight_first = 0.5 * (1 - len(coarse)) * config.pixel_m
-    photo = np.empty((n, n), np.uint8)
-    for rows, columns in _blocks(n):
-        tell((rows.start + columns.start / n * (rows.stop - rows.start)) / n)
+    west, east, south, north = box or (-half_m, half_m, -half_m, half_m)
+    across, up = (slice(*np.clip([math.floor(low / pixel + 0.5 * n),
+                                  math.ceil(high / pixel + 0.5 * n)], 0, n).tolist())
+                  for low, high in ((west, east), (south, north)))
+    photo = np.empty((up.stop - up.start, across.stop - across.start), np.uint8)
+    done = 0
+    for rows, columns in _blocks(up, across):
+        tell(done / photo.size)
         x, y = (_sample_axis(part, n, pixel, samples, margin) for part in (columns, rows))
         heights = np.asarray(source.heights(x, y), np.float32)
         known = np.isfinite(heights)
         heights[~known] = lowest
-        box = float(x[0]), float(x[-1]), float(y[0]), float(y[-1])
+        seen = float(x[0]), float(x[-1]), float(y[0]), float(y[-1])
         add_domes(heights, cell, (x[0] / cell, y[0] / cell),
-                  _within(source.rocks(pixel, box), box))
+                  _within(source.rocks(pixel, seen), seen))
         inner = np.s_[margin:-margin, margin:-margin]
         light = shaded(heights, cell, *sun)[inner]
         x, y = x[margin:-margin], y[margin:-margin]
@@ -196,8 +209,10 @@ def _photo(source: MappedGround, half_m: float, config: OrbitalConfig, coarse: F
         bright += config.photo_noise * rng.standard_normal(bright.shape)
         values = np.clip(255.0 * bright, 1.0, 255.0).round().astype(np.uint8)
         values[_means(known[inner], samples) < 1.0] = 0
-        photo[rows, columns] = values
-    return photo
+        photo[rows.start - up.start:rows.stop - up.start,
+              columns.start - across.start:columns.stop - across.start] = values
+        done += values.size
+    return photo, (pixel * (across.start + 0.5 * (1 - n)), pixel * (up.start + 0.5 * (1 - n)))
 
 
 def _within(rocks: Rocks, box: Box) -> Rocks:

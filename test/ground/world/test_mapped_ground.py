@@ -73,6 +73,52 @@ def test_a_photo_has_no_seams_between_tiles(site):
             assert at < 1.5 * usual
 
 
+def test_a_photo_of_a_part_is_that_part_of_the_whole(site):
+    config = dataclasses.replace(TRUE, photo_pixel_m=1.0, photo_noise=0.0, sun_elevation_deg=8.0)
+    whole, part = (orbital_map(site, config, photo_box=box) for box in
+                   (None, (-100.5, 60.0, 20.0, 900.0)))
+    np.testing.assert_array_equal(part.heights_m, whole.heights_m)
+    first = np.rint(np.subtract(part.photo_first_m, whole.photo_first_m)).astype(int)
+    rows, columns = part.photo.shape
+    assert 160 <= columns <= 162 and 222 <= rows <= 224
+    there = whole.photo[first[1]:first[1] + rows, first[0]:first[0] + columns].astype(int)
+    # Beyond 40 m of a block, shadows are those of the coarse heights.
+    assert there.shape == part.photo.shape and (abs(there - part.photo) <= 2).mean() > 0.99
+
+
+def test_shadows_of_the_photo_are_those_on_the_ground(site):
+    """Cells are dear where rays of our own to the sun hit the ground of a window."""
+    sun, craters = (60.0, 3.0), MappedGround.of(site, 2.0).craters(8.0)
+    inner = np.abs(craters.position_m).max(axis=1) < 200.0
+    middle = site.middle(craters.position_m[np.flatnonzero(inner)[
+        np.argmax(craters.diameter_m[inner])]])
+    window = site.window(middle)
+    to_sun, slope = np.array([np.cos(np.radians(sun[0])), np.sin(np.radians(sun[0]))]), np.tan(
+        np.radians(sun[1]))
+    seen, relief = (GroundCosts.of(orbital_map(
+        site, OrbitalConfig(sun_azimuth_deg=azimuth, sun_elevation_deg=sun[1])), sun_deg=sun)
+        for azimuth in (sun[0], sun[0] + 180.0))
+    plain = GroundCosts.of(orbital_map(site, OrbitalConfig(photo_pixel_m=0.0)))
+    low, cell = np.array(seen.low_m), seen.cell_m
+    column, row = np.rint((np.array(middle) - low) / cell).astype(int)
+    k = 5               # cells on each side, within the window
+    offsets = (np.arange(4) + 0.5) / 4 * cell
+    dark = np.empty((2 * k, 2 * k))
+    for i in range(2 * k):
+        for j in range(2 * k):
+            corner = low + cell * np.array([column - k + j, row - k + i])
+            places = corner + np.stack(np.meshgrid(offsets, offsets), -1).reshape(-1, 2)
+            away = np.arange(0.2, 25.0, 0.1)
+            ray = places[:, None] + away[:, None] * to_sun
+            over = window.height_at(ray) - window.height_at(places)[:, None] - slope * away
+            dark[i, j] = (over > 0.0).any(axis=1).mean()
+    part = np.s_[row - k:row + k, column - k:column + k]
+    by_photo, by_heights = (np.corrcoef((costs.cost - plain.cost)[part].ravel(),
+                                        dark.ravel())[0, 1] for costs in (seen, relief))
+    assert 0.02 < dark.mean() < 0.9
+    assert by_photo > 0.6 and by_heights < by_photo - 0.3
+
+
 def test_a_goal_anywhere_on_the_site_is_on_the_plan(site):
     costs = GroundCosts.of(orbital_map(site, OrbitalConfig(photo_pixel_m=0.0)))
     half = np.array(costs.cost.shape[::-1]) * costs.cell_m
