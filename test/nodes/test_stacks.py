@@ -280,6 +280,41 @@ def test_ros2_control_turns_the_legs(tmp_path: Path, open_domain: int) -> None:
         'front_left', 'front_right', 'rear_left', 'rear_right')}
 
 
+# A figure of eight of 1.3 m, at 20 Hz of small images; time goes slowly enough for any machine.
+ORB = '''
+run: {ros__parameters: {duration_s: 12.0}}
+world: {ros__parameters: {size_m: 25.6, surroundings: {samples: 257}}}
+physics_node: {ros__parameters: {real_time_factor: 0.15, ground: {model: rigid}}}
+render_node:
+  ros__parameters:
+    {frame_rate_hz: 20.0, camera: {width: 320, height: 240}, sgm: {num_disparities: 64}}
+drive_node:
+  ros__parameters: {mode: spline, shape: figure_eight, shape_size_m: 4.0, speed_mps: 0.12}
+'''
+
+
+def test_orb_slam3_keeps_the_way(tmp_path: Path, open_domain: int) -> None:
+    """By our launch file and a wrapper: its keyframes are where the rover was."""
+    needs('orbslam3', 'lunar_rover_sim', 'ros2launch')
+    vocabulary = os.environ.get('ORB_SLAM3_VOCABULARY')
+    if not vocabulary:
+        pytest.skip('ORB_SLAM3_VOCABULARY does not name a vocabulary')
+    scenario, settings = tmp_path / 'eight.yaml', tmp_path / 'orb.yaml'
+    scenario.write_text(ORB)
+    subprocess.run(command('slam', 'settings', str(scenario), '--sensor', 'stereo', '-o',
+                           str(settings)), check=True, timeout=LIMIT_S)
+    with beside('ros2', 'launch', 'lunar_rover_sim', 'slam.launch.py', 'wrapper:=orbslam3',
+                f'vocabulary:={vocabulary}', f'settings:={settings}', f'scenario:={scenario}',
+                f'estimate:={tmp_path / "estimate"}', f'output:={tmp_path / "run"}', 'delay:=5'):
+        until = time.monotonic() + 10 * LIMIT_S
+        while not (tmp_path / 'run/bag/metadata.yaml').is_file() and time.monotonic() < until:
+            time.sleep(1.0)
+    found = evaluate(str(tmp_path / 'run/bag'),
+                     str(tmp_path / 'estimate/KeyFrameTrajectory.txt'), estimate_frame='left')
+    assert found.ate_m.count >= 8 and found.length_m > 1.0
+    assert found.ate_m.rmse < 0.02 and abs(found.scale - 1.0) < 0.03
+
+
 def test_tf2_finds_all_frames(tmp_path: Path, open_domain: int) -> None:
     """A listener of tf2 looks up the way from the world to the right camera, at a stamp."""
     needs('tf2_ros', 'ros2run')

@@ -353,7 +353,9 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
         todo = np.isnan(distant)
         if todo.any():
             distant[todo] = world.height_at(places[todo])
-        near = np.abs(world.rocks.position_m[:, :2] - centre_m).max(axis=1) < half_m
+        # Smaller ones would not be seen, and are by far the most.
+        near = ((np.abs(world.rocks.position_m[:, :2] - centre_m).max(axis=1) < half_m)
+                & (world.rocks.diameter_m >= side[1] - side[0]))
         rocks.update(zip(world.rocks.key[near].tolist(), zip(
             *world.rocks.position_m[near, :2].T.tolist(), world.rocks.diameter_m[near].tolist())))
     height = np.where(np.isnan(height), distant, height)
@@ -366,7 +368,7 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
     axes.imshow(shade, cmap='gray', origin='lower', extent=extent, vmin=0.0, vmax=1.0)
     for k, (rock_x, rock_y, diameter) in enumerate(rocks.values()):
         # One of them is enough for a legend.
-        axes.add_patch(Circle((rock_x, rock_y), diameter / 2, color='0.12',
+        axes.add_patch(Circle((rock_x, rock_y), diameter / 2, facecolor='0.12',
                               label='rocks' if k == 0 else None))
 
 

@@ -22,7 +22,8 @@ from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.ground.world.world_folder import load_world, save_world
 from lunar_rover_sim.image.lidar.scan import POINT
-from lunar_rover_sim.products.inspection.bag_pictures import preview, sensor_figure
+from lunar_rover_sim.products.inspection.bag_pictures import (draw_hillshade, preview,
+                                                              sensor_figure)
 from lunar_rover_sim.products.inspection.map_pictures import overview_figure
 
 STEREO = [f'stereo_{k}.png' for k in range(4)]
@@ -110,6 +111,17 @@ def test_the_overview_has_ellipses_of_an_estimate_in_the_site(tmp_path, items, f
     for ellipse, (width, height, angle) in zip(drawn, sizes, strict=True):
         np.testing.assert_allclose((ellipse.width, ellipse.height), (width, height))
         assert abs(np.sin(np.radians(ellipse.angle - angle))) < 1e-6
+
+
+def test_rocks_below_a_pixel_are_not_drawn(bag, world):
+    axes = {half_m: Figure().subplots() for half_m in (2.0, 300.0)}
+    with open_bag(bag) as recording:
+        for half_m, where in axes.items():
+            draw_hillshade(where, recording, np.zeros(2), half_m, world)
+    near, far = ([patch.radius for patch in where.patches if isinstance(patch, Circle)]
+                 for where in axes.values())
+    assert near and min(near) > 0.5 * 4.0 / 600
+    assert len(far) < len(load_world(world).rocks) and all(r >= 0.5 * 600.0 / 600 for r in far)
 
 
 def test_another_world_is_refused(tmp_path, items, world):
