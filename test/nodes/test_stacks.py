@@ -281,7 +281,7 @@ def test_ros2_control_turns_the_legs(tmp_path: Path, open_domain: int) -> None:
 
 
 # A figure of eight of 1.3 m, at 20 Hz of small images; time goes slowly enough for any machine.
-ORB = '''
+ORB = """
 run: {ros__parameters: {duration_s: 12.0}}
 world: {ros__parameters: {size_m: 25.6, surroundings: {samples: 257}}}
 physics_node: {ros__parameters: {real_time_factor: 0.15, ground: {model: rigid}}}
@@ -290,7 +290,7 @@ render_node:
     {frame_rate_hz: 20.0, camera: {width: 320, height: 240}, sgm: {num_disparities: 64}}
 drive_node:
   ros__parameters: {mode: spline, shape: figure_eight, shape_size_m: 4.0, speed_mps: 0.12}
-'''
+"""
 
 
 def test_orb_slam3_keeps_the_way(tmp_path: Path, open_domain: int) -> None:
