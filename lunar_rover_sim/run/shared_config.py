@@ -54,8 +54,9 @@ class WaitConfig(Parameters):
     topics: tuple[str, ...] = param((), 'topics whose stamps are awaited, besides those of the '
                                     'nodes of a run')
     lags_s: tuple[float, ...] = param((), 'largest lag of each of these topics', unit='s', low=0.0)
-    silence_s: float = param(60.0, 'wall time after which a silent participant is an error; 6.5 '
-                             's where no node of the run works', unit='s', low=0.1)
+    silence_s: float = param(60.0, 'wall time after which a silent participant is an error, more '
+                             'on a busy machine and while one compiles; 6.5 s where no node of '
+                             'the run works', unit='s', low=0.1)
     start_s: float = param(60.0, 'wall time before the first answer after which a missing '
                            'participant is an error', unit='s', low=0.1)
 

@@ -2,8 +2,10 @@
 
 Points of a frame are first averaged cell by cell, weighted by their errors. The frame is then
 levelled: height, pitch and roll by which it deviates from what the map knows are fitted and taken
-out, as far as the stated errors of the pose allow. What remains enters the cells by a Kalman
-filter each. A height that contradicts its cell is counted instead; several in a row replace it.
+out, as far as the stated errors of the pose allow. The map takes over its part of them, and so
+stays as level as the poses are over some seconds: else small errors of the frames would add up.
+What remains enters the cells by a Kalman filter each. A height that contradicts its cell is
+counted instead; several in a row replace it.
 
 What neighbouring frames have wrong in common does not average out. It is kept apart, as the doubt
 of a cell: a share of the errors of depth, and those of matches beside edges of depth, where the
@@ -38,6 +40,7 @@ _LEAST_SHARE = 0.005        # of the pixels, or points, that renew the map: a co
 _RANGE_STDDEV_M = 0.01      # error of a range that does not grow with it: LiDAR, or calibration
 _LEAST_COMMON = 60          # cells that a frame must share with the map to be levelled
 _ROUNDS, _HUBER = 4, 2.0    # of levelling
+_LEVEL_S = 10.0             # over which the map follows the poses: several steps of the walk
 _RELIEF = 0.4               # of the range of heights around a cell: its standard deviation
 _SHARED = 0.25              # of the variance of a depth: what the next frames have wrong as well
 # Half the window of the matcher in pixels, at half and at full resolution; disparities that bend
@@ -216,28 +219,33 @@ class ElevationMap:
 
     def _take_in(self, stamp_ns: int, samples: int, position: Array) -> None:
         config = self.config
+        since_s = 0.0 if self._seen_ns is None else (stamp_ns - self._seen_ns) * 1e-9
         if self._sums[3].sum() > _LEAST_SHARE * samples:
             self._seen_ns = stamp_ns
         floor = config.height_stddev_m ** 2
         _average(self._sums, floor)
         variance, mean, spread, count, doubt = self._sums
         if config.level_stddev_m > 0.0 or config.level_stddev_deg > 0.0:
-            self._level(mean, variance, np.nonzero(count), position)
+            self._level(mean, variance, np.nonzero(count), position, since_s)
         _fuse(mean, variance, spread, count, doubt, self._height, self._variance, self._doubt,
               self._hits, self._misses, config.gate, _CONTRADICTIONS, floor / 4.0)
 
     def _level(self, mean: Array, variance: Array, seen: tuple[Index, ...],
-               position: Array) -> None:
-        """Take from the heights of a frame what error of the pose the map shows."""
+               position: Array, since_s: float) -> None:
+        """Bring a frame and the map together where they differ by an error of the pose.
+
+        Args:
+            since_s: Time since the frame before.
+        """
         config = self.config
         assert self._corner is not None
         rows, columns = seen
         shared = self._hits[seen] >= _LEAST_HITS
         if np.count_nonzero(shared) < _LEAST_COMMON:
             return
-        offset = (np.stack([columns, rows]) + 0.5 + self._corner[:, None]) * config.cell_m \
+        x, y = (np.arange(config.cells) + 0.5 + self._corner[:, None]) * config.cell_m \
             - position[:2, None]
-        design = np.stack([np.ones(len(rows)), *offset], axis=1)
+        design = np.stack([np.ones(len(rows)), x[columns], y[rows]], axis=1)
         common = rows[shared], columns[shared]
         A = design[shared]
         off = mean[common] - self._height[common]
@@ -252,7 +260,10 @@ class ElevationMap:
             weight *= 0.1
             fitted = np.linalg.solve((A * weight[:, None]).T @ A + np.diag(prior),
                                      A.T @ (weight * off))
-        mean[seen] -= design @ fitted
+        share = -math.expm1(-since_s / _LEVEL_S)
+        self._height += (share * (fitted[0] + fitted[1] * x + fitted[2] * y[:, None])).astype(
+            np.float32)
+        mean[seen] -= (1.0 - share) * (design @ fitted)
 
 
 def _without_edges(depth_m: F32, margin_px: int) -> F32:
