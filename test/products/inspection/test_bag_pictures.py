@@ -22,8 +22,7 @@ from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.ground.world.world_folder import load_world, save_world
 from lunar_rover_sim.image.lidar.scan import POINT
-from lunar_rover_sim.products.inspection.bag_pictures import (draw_hillshade, preview,
-                                                              sensor_figure)
+from lunar_rover_sim.products.inspection.bag_pictures import draw_hillshade, preview, sensor_figure
 from lunar_rover_sim.products.inspection.map_pictures import overview_figure
 
 STEREO = [f'stereo_{k}.png' for k in range(4)]
