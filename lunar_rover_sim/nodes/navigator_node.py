@@ -26,6 +26,7 @@ from lunar_rover_sim.base.errors import NavigationError
 from lunar_rover_sim.base.files.state_file import attributes, restore_attributes
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.seconds import NS_PER_S
+from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.moon_place import reported_site
 from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.ground.world.world_folder import load_world
@@ -46,9 +47,8 @@ _KEPT = ('_last_period', '_maps', '_status', '_plan', '_goals', '_far_points', '
 _WAY_STEP_M = 0.1       # a walking body sways: shorter moves are no way
 
 
-def _sun_deg(config: NavigatorNodeConfig) -> tuple[float, float] | None:
+def _sun_deg(config: NavigatorNodeConfig, world: World | None) -> tuple[float, float] | None:
     """Return azimuth and elevation of the sun; None where it does not shine."""
-    world = load_world(config.world, verify=False) if config.world else None
     sun = sun_of_date(config.sun, None if world is None else reported_site(world.report))
     return ((sun.azimuth_deg, sun.elevation_deg) if sun.shines and sun.elevation_deg > 0.0
             else None)
@@ -65,11 +65,12 @@ class NavigatorNode(node_main.GraphNode):
         super().__init__('navigator_node')
         self._config = config = declare(self, NavigatorNodeConfig)
         rover = load_rover(config.rover or None)
-        half_extent_m, self._costs = None, None
-        if config.world:
-            half_extent_m = Site.of(load_world(config.world, verify=False)).half_extent_m
+        world = load_world(config.world, verify=False) if config.world else None
+        half_extent_m = None if world is None else Site.of(world).half_extent_m
+        self._costs = None
         if config.world or config.maps:
-            self._costs = CostsFromOrbit(config.world, config.maps, config.far, _sun_deg(config))
+            self._costs = CostsFromOrbit(config.world, config.maps, config.far,
+                                         _sun_deg(config, world))
         radius_m = config.radius_m or Limits.of(rover, TraversabilityConfig()).radius_m
         self._navigator = Navigator(config, radius_m, half_extent_m, self._costs)
         if self._costs is not None and any(math.dist(a, b) > config.far.from_m for a, b in zip(

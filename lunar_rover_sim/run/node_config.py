@@ -386,9 +386,8 @@ class NavigatorNodeConfig(PacedConfig, NodeConfig, NavigatorConfig):
                                high=3600.0)
     end_step_s: float = param(1.0, 'that end is a multiple of this, at which images and scans are '
                               'due; a run sets it', unit='s', low=0.001, high=1000.0)
-    maps: str = param('', 'folder of `world export --orbital`, maps by which far goals are '
-                      'planned to; empty: made of the world, heights at 2 m and, around the '
-                      'goals, a photo at 1 m under the present sun, which shows the shadows')
+    maps: str = param('', 'folder of `world export --orbital` by which far goals are planned to; '
+                      'empty: made of the world, with a photo around the goals')
     radius_m: float = param(0.0, 'of the circle around the rover and its spokes; 0: by its '
                             'description', unit='m', low=0.0, high=10.0)
     sun: SunConfig = group(SunConfig)

@@ -16,7 +16,7 @@ from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig, OrbitalMap
 from lunar_rover_sim.ground.world.site import Site
 from lunar_rover_sim.ground.world.world_folder import load_world
 
-_BEYOND_M = 60.0        # the start and the goals a photo reaches: a way may go around something
+_BEYOND_M = 60.0        # a photo reaches beyond start and goals: a way may lead around something
 _LEAST_SUN_DEG = 1.0    # elevation: below it all is dark
 
 
@@ -24,7 +24,8 @@ class CostsFromOrbit:
     """Costs of the ground around places, by maps that are read or made when they are asked for.
 
     Of a world heights are those of all of its site. The photo, which shows the shadows, is of the
-    part where one drives: to make it takes a minute or two for each square kilometre.
+    part where one drives: to make it takes a minute or two for each square kilometre. One that was
+    made serves as well for places a little beside, such as where the rover believes to be.
     """
 
     def __init__(self, world: str, maps: str, config: GlobalPlanConfig,
@@ -34,18 +35,20 @@ class CostsFromOrbit:
         Args:
             world: Folder of the world; '': `maps` alone is known.
             maps: Folder of `world export --orbital`; '': they are made of the world.
-            config: What is dear.
+            config: Side of a cell, and the steepest slope.
             sun_deg: Azimuth and elevation of the sun; None: it does not shine.
         """
         self._world, self._maps, self._config, self._sun_deg = world, maps, config, sun_deg
         self._made: GroundCosts | None = None
-        self._around: Array | None = None       # least and greatest x and y (2, 2) of the photo
+        # Least and greatest x and y (2, 2) of places that have enough photo around them.
+        self._covered: Array | None = None
 
     def __call__(self, places_m: Sequence[ArrayLike]) -> GroundCosts:
         """Return the costs, with shadows by the photo around places (n, 2)."""
         places = np.array([np.asarray(place, float)[:2] for place in places_m])
-        if self._made is not None and (self._around is None or bool(
-                ((places >= self._around[0]) & (places <= self._around[1])).all())):
+        low, high = places.min(axis=0), places.max(axis=0)
+        if self._made is not None and (self._covered is None or bool(
+                (low >= self._covered[0]).all() and (high <= self._covered[1]).all())):
             return self._made
         margin = 0.0
         if self._world:
@@ -56,8 +59,8 @@ class CostsFromOrbit:
         elif self._sun_deg is None or self._sun_deg[1] < _LEAST_SUN_DEG:
             maps = orbital_map(world, OrbitalConfig(photo_pixel_m=0.0), coarse=True)
         else:
-            self._around = np.array([places.min(axis=0), places.max(axis=0)])
-            (west, south), (east, north) = self._around + [[-_BEYOND_M], [_BEYOND_M]]
+            self._covered = np.array([low - 0.5 * _BEYOND_M, high + 0.5 * _BEYOND_M])
+            (west, south), (east, north) = low - _BEYOND_M, high + _BEYOND_M
             azimuth, elevation = self._sun_deg
             maps = orbital_map(
                 world, OrbitalConfig(sun_azimuth_deg=azimuth, sun_elevation_deg=elevation),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,7 +60,7 @@ class GroundCosts:
 
         Args:
             orbital: Heights, craters and photo; slopes count less what their errors make of them.
-            config: What is dear.
+            config: Side of a cell, and the steepest slope.
             sun_deg: Azimuth and elevation of the sun, for shadows: those of the photo where it
                 was taken under this sun, else those of the heights; None: no shadow is known.
             hole_margin_m: Ground nearer to a hole than this, in x or y, counts as a hole.
@@ -150,10 +151,16 @@ class GroundCosts:
         """Return where the map knows the ground, for columns x (n,) and rows y (m,) as (m, n)."""
         rows, columns = (np.floor((at - low) / self.cell_m).astype(int)
                          for at, low in zip((y_m, x_m), self.low_m[::-1]))
-        inside = [(k >= 0) & (k < size) for k, size in zip((rows, columns), self.known.shape)]
-        found = np.zeros((len(rows), len(columns)), bool)
-        found[np.ix_(*inside)] = self.known[np.ix_(rows[inside[0]], columns[inside[1]])]
-        return found
+        return _looked_up(self.known, rows, columns, False)
+
+
+def _looked_up(raster: NDArray[Any], rows: NDArray[np.int64], columns: NDArray[np.int64],
+               beyond: int) -> NDArray[Any]:
+    """Return the cells at rows (m,) and columns (n,) as (m, n), another value beyond them."""
+    inside = [(k >= 0) & (k < size) for k, size in zip((rows, columns), raster.shape)]
+    found = np.full((len(rows), len(columns)), beyond, raster.dtype)
+    found[np.ix_(*inside)] = raster[np.ix_(rows[inside[0]], columns[inside[1]])]
+    return found
 
 
 def _filled(values: Array, known: NDArray[np.bool_]) -> Array:
@@ -185,26 +192,23 @@ def _unresolved(stddev_m: float, cell_m: float, length_m: float) -> float:
 def _seen_dark(orbital: OrbitalMap, sun_deg: tuple[float, float], low_m: tuple[float, float],
                cell_m: float, shape: tuple[int, ...]) -> Array:
     """Return how much of each cell is dark on the photo; NaN where that does not tell."""
-    photo, config = orbital.photo, orbital.config
-    azimuth = (config.sun_azimuth_deg - sun_deg[0] + 180.0) % 360.0 - 180.0
+    config, known = orbital.config, orbital.photo[orbital.photo != NO_PHOTO]
+    azimuth = math.remainder(config.sun_azimuth_deg - sun_deg[0], 360.0)
     elevation = config.sun_elevation_deg - sun_deg[1]
-    if not (photo != NO_PHOTO).any() or abs(azimuth) > _SAME_SUN_DEG[0] \
-            or abs(elevation) > _SAME_SUN_DEG[1]:
+    if not known.size or abs(azimuth) > _SAME_SUN_DEG[0] or abs(elevation) > _SAME_SUN_DEG[1]:
         return np.full(shape, np.nan)
     # Places along a side of a cell.
     count = max(1, round(cell_m / config.photo_pixel_m))
-    pixels = [np.rint((low + (np.arange(n * count) + 0.5) * cell_m / count - first)
-                      / config.photo_pixel_m).astype(int)
-              for n, low, first in zip(shape, low_m[::-1], orbital.photo_first_m[::-1])]
-    inside = [(k >= 0) & (k < size) for k, size in zip(pixels, photo.shape)]
-    values = np.full([len(k) for k in pixels], NO_PHOTO, photo.dtype)
-    values[np.ix_(*inside)] = photo[np.ix_(*(k[there] for k, there in zip(pixels, inside)))]
+    rows, columns = (np.rint((low + (np.arange(n * count) + 0.5) * cell_m / count - first)
+                             / config.photo_pixel_m).astype(int)
+                     for n, low, first in zip(shape, low_m[::-1], orbital.photo_first_m[::-1]))
+    values = _looked_up(orbital.photo, rows, columns, NO_PHOTO)
 
     def share(flags: NDArray[np.bool_]) -> Array:
         return np.asarray(flags.reshape(shape[0], count, shape[1], count).mean(axis=(1, 3)))
 
     seen = values != NO_PHOTO
-    dark = seen & (values < _DARK * np.quantile(photo[photo != NO_PHOTO], _BRIGHT))
+    dark = seen & (values < _DARK * np.quantile(known, _BRIGHT))
     with np.errstate(invalid='ignore'):
         return share(dark) / share(seen)
 

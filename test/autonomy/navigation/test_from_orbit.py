@@ -41,6 +41,8 @@ def test_the_photo_is_of_where_one_drives(world: str, made: list[OrbitalMap]) ->
     first = costs([(0.0, 0.0), (40.0, 20.0)])
     assert costs([(10.0, 10.0), (30.0, 5.0)]) is first and len(made) == 1
     assert made[0].photo.shape == (140, 160) and made[0].photo_first_m == (-59.5, -59.5)
+    # The rover believes to be a little beside: the photo is there, too.
+    assert costs([(12.0, -16.0), (40.0, 20.0)]) is first and len(made) == 1
     costs([(0.0, 0.0), (-70.0, 0.0)])
     assert len(made) == 2 and made[1].photo_first_m[0] == -129.5
 

@@ -87,7 +87,7 @@ def test_a_photo_of_a_part_is_that_part_of_the_whole(site):
 
 
 def test_shadows_of_the_photo_are_those_on_the_ground(site):
-    """Cells are dear where rays of our own to the sun hit the ground of a window."""
+    """Cells cost more where rays of our own to the sun hit the ground of a window."""
     sun, craters = (60.0, 3.0), MappedGround.of(site, 2.0).craters(8.0)
     inner = np.abs(craters.position_m).max(axis=1) < 200.0
     middle = site.middle(craters.position_m[np.flatnonzero(inner)[
