@@ -606,14 +606,19 @@ class Navigator:
     def _trail_back(self, position: Array) -> Array | None:
         """Return the place of its trail to which it backs off, and forget the trail from there on.
 
-        It has been there: that ground carries it, whatever the map says.
+        It has been there: that ground carries it, whatever the map says. Of the places far enough
+        off it is the last one with room around it, else the last one.
         """
-        for k in range(len(self._trail) - 1, -1, -1):
-            place = np.array([self._trail[k].x_m, self._trail[k].y_m])
-            if math.dist(place, position[:2]) >= self._config.back_off_m:
-                del self._trail[k + 1:]
-                return place
-        return None
+        places = [np.array([disc.x_m, disc.y_m]) for disc in self._trail]
+        far = [k for k, place in enumerate(places)
+               if math.dist(place, position[:2]) >= self._config.back_off_m]
+        if not far:
+            return None
+        roomy = [k for k in far
+                 if self._planner is not None and self._planner.has_room(places[k])]
+        last = max(roomy or far)
+        del self._trail[last + 1:]
+        return places[last]
 
     def _go_back(self, position: Array) -> NavigatorCommand:
         assert self._back is not None

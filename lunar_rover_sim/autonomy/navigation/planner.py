@@ -204,7 +204,14 @@ class Planner:
         # It may leave what it is too near to, never come nearer.
         bad = (apart < np.minimum(self.room_m, apart[0])) | self._at(self.dark, points, True)
         bad[0] = False
-        return float(steps[int(np.argmax(bad)) - 1] if bad.any() else wanted_m)
+        last = int(np.argmax(bad)) - 1 if bad.any() else len(steps) - 1
+        if apart[last] < self.room_m and apart[last] <= apart[0]:
+            return 0.0      # it does not leave it: a slope on which it stands goes on there
+        return float(min(steps[last], wanted_m))
+
+    def has_room(self, position_m: ArrayLike) -> bool:
+        """Return whether nothing that is closed is too near to a place (2,)."""
+        return bool(self._at(self._apart, np.asarray(position_m, float), 0.0) >= self.room_m)
 
     def dark_along_m(self, points_m: Array, from_m: float, to_m: float) -> tuple[float, Array]:
         """Return how much of a part of a way is dark [m], and where that begins (2,) [m]."""

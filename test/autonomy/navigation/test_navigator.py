@@ -240,6 +240,28 @@ def test_where_it_cannot_back_off_straight_it_takes_its_trail(yaw_deg):
     assert rover.drive().status == Status.ARRIVED
 
 
+def test_it_does_not_back_off_down_a_slope_on_which_it_has_turned():
+    """On the rim of a crater it faced the way out, and backed into the crater until it rolled."""
+    rover = made(ground(), goal=(-2.0, 3.0))
+    rover.x = -1.0
+    for _ in range(60):
+        rover.step()
+        rover.x, rover.y, rover.yaw = rover.x + 0.02, 0.0, 0.0
+    edge = rover.x - 0.1
+    rover.cost, rover.yaw = ground((edge, edge + 1.0, -1.0, 1.0)), np.pi
+    deepest, rover.held = rover.x, True
+    for _ in range(11):     # it plans on that map
+        rover.step()
+    rover.held = False
+    for _ in range(400):
+        rover.pitch = -np.radians(max(0.0, 30.0 + 40.0 * (rover.x - edge)))
+        rover.pitch = rover.pitch if rover.x > edge else 0.0
+        rover.step()
+        deepest = max(deepest, rover.x)
+    assert rover.navigator.backed_off
+    assert deepest < edge + 0.2 and rover.x < edge - 0.1
+
+
 def test_a_body_that_rocks_is_let_alone():
     rover = made(ground())
     for k in range(100):
