@@ -226,7 +226,8 @@ def test_every_node_goes_on_when_time_restarts(peer: Peer, world_folder: Path,
     assert all(stamp % 100_000_000 == 0 for stamp in stamps)
     with open_bag(tmp_path / 'bag') as bag:
         odometry = [bag.stamp_ns(message) for message in bag.raw(['/odom'])]
-    assert min(odometry[len(odometry) // 2:]) < 1_500_000_000 or odometry[-1] < odometry[0]
+    # Both times are in the bag, so stamps are there twice.
+    assert len(odometry) - len(set(odometry)) > 50
 
 
 def test_lockstep_goes_on_after_reset_and_restart(peer: Peer, world_folder: Path) -> None:
