@@ -30,7 +30,7 @@ class StampTable:
     """Position of the stamp in each message type, from the definitions of a typestore."""
 
     def __init__(self, typestore: Typestore) -> None:
-        self._typestore = typestore
+        self.typestore = typestore
         self._offsets: dict[str, int] = {}
 
     def stamp_ns(self, msgtype: str, raw: bytes | memoryview) -> int | None:
@@ -56,7 +56,7 @@ class StampTable:
     def _locate(self, msgtype: str) -> int:
         offset = _AT_START
         while msgtype != _TIME:
-            definition = self._typestore.fielddefs.get(msgtype)
+            definition = self.typestore.fielddefs.get(msgtype)
             if definition is None or not definition[1]:
                 return _NO_STAMP
             kind, detail = cast('tuple[int, Any]', definition[1][0][1])
@@ -85,3 +85,12 @@ def stamp_ns(msgtype: str, raw: bytes | memoryview) -> int | None:
     orders. `msgtype` as ROS 2 writes it, `nav_msgs/msg/Odometry`.
     """
     return _jazzy().stamp_ns(msgtype, raw)
+
+
+def message_of(msgtype: str, raw: bytes) -> Any:
+    """Return a CDR message of a type that ROS 2 Jazzy knows, as rosbags deserialises it.
+
+    That takes a fifth to two thirds of the time of rclpy, which makes objects of all that a
+    message holds. Valid is to read attributes only.
+    """
+    return _jazzy().typestore.deserialize_cdr(raw, msgtype)

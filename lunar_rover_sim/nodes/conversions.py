@@ -10,6 +10,7 @@ made in `state_publisher`: its numbers are written into CDR (`refilled`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 import math
 from typing import Any, TYPE_CHECKING
@@ -46,18 +47,19 @@ def time_msg(stamp_ns: int) -> Time:
     return Time(sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S)
 
 
-def fill_wheel_odometry(msg: Odometry, odometry: WheelOdometry) -> None:
-    """Write a planar pose and twist with their covariances; what they do not know is huge."""
-    msg.child_frame_id = frames.BASE_FRAME
+def wheel_odometry_numbers(odometry: WheelOdometry) -> tuple[Sequence[float], ...]:
+    """Return pose (7), its covariance (36), twist (6) and its covariance (36) of an Odometry.
+
+    Pose and twist are planar; the variance of what they do not know is huge.
+    """
     x, y, yaw = odometry.pose.tolist()
-    set_vector(msg.pose.pose.position, np.array([x, y, 0.0]))
-    _set_quaternion(msg.pose.pose.orientation,
-                    np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)]))
-    msg.twist.twist.linear.x, msg.twist.twist.angular.z = odometry.twist.tolist()
+    forward, turning = odometry.twist.tolist()
     pose, twist = (np.diag(np.full(6, UNKNOWN_VARIANCE)) for _ in range(2))
     pose[np.ix_(_PLANAR, _PLANAR)] = odometry.covariance + EXACT_VARIANCE * np.eye(3)
     twist[_PLANAR, _PLANAR] = np.maximum(odometry.twist_variance, EXACT_VARIANCE)
-    msg.pose.covariance, msg.twist.covariance = pose.ravel(), twist.ravel()
+    return ((x, y, 0.0, 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)),
+            pose.ravel().tolist(), (forward, 0.0, 0.0, 0.0, 0.0, turning),
+            twist.ravel().tolist())
 
 
 def pose_of(msg: Odometry) -> Array:

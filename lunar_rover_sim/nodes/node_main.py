@@ -24,6 +24,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from lunar_rover_sim import __version__
+from lunar_rover_sim.bag.stamps import message_of
 from lunar_rover_sim.base.compilation import COMPILATION
 from lunar_rover_sim.base.errors import ConfigError, LunarRoverSimError
 from lunar_rover_sim.nodes import qos
@@ -132,13 +133,21 @@ class GraphNode(Node):
         return super().create_publisher(*args, **kwargs)
 
     def create_subscription(self, msg_type: Any, topic: str, callback: Callable[..., None],
-                            *args: Any, **kwargs: Any) -> Any:
+                            *args: Any, light: bool = False, **kwargs: Any) -> Any:
         """Create a subscription whose callback may raise errors of this package.
 
         The parameters `qos_overrides` may change its QoS.
+
+        Args:
+            light: Whether the callback gets messages of rosbags, see `message_of`: for those that
+                come with every state.
         """
         if self._has_parameters:
             kwargs.setdefault('qos_overriding_options', qos.OPTIONS)
+        if light:
+            type_name, with_message, kwargs['raw'] = name_of(msg_type), callback, True
+            callback = functools.wraps(with_message)(
+                lambda raw: with_message(message_of(type_name, raw)))
 
         @functools.wraps(callback)
         def counted(*received: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 from collections.abc import Sequence
 from pathlib import Path
 import time
@@ -93,6 +94,10 @@ class PhysicsNode(node_main.GraphNode):
         if config.end_when_navigated:
             self.create_subscription(Header, topics.NAVIGATED.name, self._navigated_callback,
                                      qos.requested(topics.NAVIGATED, config.lockstep))
+        # Commands and their stamps [ns], which wait for the time when they act.
+        self._commands: collections.deque[tuple[int, Array]] = collections.deque()
+        lag_ns = config.wait.lag_ns_by_topic().get(topics.JOINT_COMMANDS.name, 0)
+        self._acts_after_ns = max(0, lag_ns - config.state_period_ns) if config.lockstep else 0
         self._barrier = Barrier(
             self, Path(config.checkpoints), round(config.checkpoint_period_s * 1e9)
             if config.checkpoints and config.lockstep else 0, config.checkpoint_nodes,
@@ -217,6 +222,9 @@ class PhysicsNode(node_main.GraphNode):
 
     def _advance(self) -> RoverState:
         begun_s = time.monotonic()
+        # As late as the gate lets an answer be: when it comes in fact makes no difference.
+        while self._commands and self._commands[0][0] <= self._now_ns - self._acts_after_ns:
+            self._simulation.command(self._commands.popleft()[1])
         state = self._simulation.advance(self._steps)
         self._now_ns += self._config.state_period_ns
         if self._simulation.world is not self._window:
@@ -266,7 +274,8 @@ class PhysicsNode(node_main.GraphNode):
     def state(self) -> dict[str, Any]:
         """See `GraphNode`."""
         return {'simulation': self._simulation.checkpoint(), 'imu': self._publisher.state(),
-                'sensors': self._requested.state(), 'end_ns': self._end_ns}
+                'sensors': self._requested.state(), 'end_ns': self._end_ns,
+                'commands': list(self._commands)}
 
     def resume(self, time_ns: int, state: Any) -> None:
         """See `GraphNode`."""
@@ -274,6 +283,7 @@ class PhysicsNode(node_main.GraphNode):
         self._publisher.resume(state['imu'])
         self._requested.resume(state['sensors'])
         self._now_ns, self._end_ns = time_ns, state['end_ns']
+        self._commands.extend(state['commands'])
         self._listener.resume(time_ns)
         self._barrier.resume(time_ns)
         self._pace.restart(time_ns)
@@ -290,7 +300,10 @@ class PhysicsNode(node_main.GraphNode):
         except GraphError as error:
             self.warnings.add('velocity', f'joint_commands: {error}')
             return
-        self._simulation.command(velocity)
+        if self._acts_after_ns:
+            self._commands.append((time_ns(msg.header.stamp), velocity))
+        else:
+            self._simulation.command(velocity)
 
     # What simulation_services asks for
 
@@ -329,6 +342,7 @@ class PhysicsNode(node_main.GraphNode):
     def reset(self) -> None:
         """Put the rover back to its start; time goes on."""
         self._stepping.cancel('the simulation was reset meanwhile')
+        self._commands.clear()
         self._simulation.reset()
         self._requested.restart()
 

@@ -76,10 +76,10 @@ class PoseSource:
         self._rolls = False         # whether wheels have begun at the true start
 
         def listen(kind: Any, topic: topics.Topic, callback: Callable[..., None],
-                   raw: bool = False) -> None:
+                   **how: bool) -> None:
             # A long queue also in real time: states come while a map is made.
             node.create_subscription(kind, topic.name, callback,
-                                     qos.requested(topic, lockstep=True), raw=raw)
+                                     qos.requested(topic, lockstep=True), **how)
 
         listen(Odometry, config.truth, self._truth_callback, raw=True)
         self.waits: tuple[str, ...] = (config.truth.name,) if pose == TRUTH else ()
@@ -88,8 +88,8 @@ class PoseSource:
             listen(DiagnosticArray, topics.SLAM_STATUS, self._status_callback)
             self.waits = (topics.SLAM_POSE.name, topics.SLAM_STATUS.name)
         if pose != TRUTH:
-            listen(Odometry, topics.WHEEL_ODOM, self._wheels_callback)
-            listen(Imu, topics.IMU_RAW, self._imu_callback)
+            listen(Odometry, topics.WHEEL_ODOM, self._wheels_callback, light=True)
+            listen(Imu, topics.IMU_RAW, self._imu_callback, light=True)
             self.waits += (topics.WHEEL_ODOM.name, topics.IMU_RAW.name)
 
     def at(self, stamp: int) -> Array | None:

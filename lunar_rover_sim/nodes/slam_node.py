@@ -103,13 +103,13 @@ class SlamNode(node_main.GraphNode):
                 qos.requested(topic, config.lockstep))
         if config.has_imu:
             self.create_subscription(Imu, topics.IMU_RAW.name, self._imu_callback,
-                                     qos.requested(topics.IMU_RAW, lockstep=True))
+                                     qos.requested(topics.IMU_RAW, lockstep=True), light=True)
         if self._graph is not None:
             for topic in AIDS:
                 self.create_subscription(
                     message_class(topic.type), topic.name,
                     lambda msg, topic=topic: self._aid_callback(topic, msg),
-                    qos.requested(topic, lockstep=True))
+                    qos.requested(topic, lockstep=True), light=True)
         Diagnostics(self, {'Tracking': self._tracking_status, 'Drops': self._drops.status})
         self.report_ready(config, waits=[topic.name for topic in self._sides])
 

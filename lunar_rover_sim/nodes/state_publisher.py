@@ -255,6 +255,7 @@ class RequestedSensors:
             for sensor in sensors]
         self._names = {sensor: {topic.name for topic in sensor.offered} for sensor in sensors}
         self._unread: set[Sensor] = set()
+        self._refilled: dict[topics.Topic, Refilled] = {}
         self.publishers = [publisher for _, offered in self._sensors for _, publisher in offered]
 
     def publish(self, state: RoverState, stamp_ns: int) -> None:
@@ -275,7 +276,7 @@ class RequestedSensors:
                                  f'publishes {", ".join(sorted(self._names[sensor]))}')
             for topic, publisher in read:
                 if topic.name in measured:
-                    publisher.publish(_message(topic, measured[topic.name], stamp_ns))
+                    publisher.publish(self._message(topic, measured[topic.name], stamp_ns))
 
     def state(self) -> dict[str, Any]:
         """Return what the sensors go on from, by their names."""
@@ -290,6 +291,21 @@ class RequestedSensors:
         """The rover stands at its start again."""
         for sensor, _ in self._sensors:
             sensor.restart()
+
+    def _message(self, topic: topics.Topic, measured: Any, stamp_ns: int) -> Any:
+        if not isinstance(measured, WheelOdometry):
+            return _message(topic, measured, stamp_ns)
+        # The only one that comes with every state.
+        if topic not in self._refilled:
+            self._refilled[topic] = _wheel_odometry(topic)
+        return self._refilled[topic].filled(stamp_ns,
+                                            *conversions.wheel_odometry_numbers(measured))
+
+
+def _wheel_odometry(topic: topics.Topic) -> Refilled:
+    message = _headed(Odometry, topic.frame_id)
+    message.child_frame_id = frames.BASE_FRAME
+    return Refilled.of(message, 'pose.pose', 'pose.covariance', 'twist.twist', 'twist.covariance')
 
 
 def _message(topic: topics.Topic, measured: Any, stamp_ns: int) -> Any:
@@ -335,4 +351,4 @@ def _fill_supply(message: BatteryState, measured: Supply) -> None:
 
 _FILLERS: dict[type, Callable[[Any, Any], None]] = {
     Vector: _fill_vector, Attitude: _fill_attitude, JointValues: _fill_joints,
-    Supply: _fill_supply, WheelOdometry: conversions.fill_wheel_odometry}
+    Supply: _fill_supply}

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from nav_msgs.msg import Odometry  # noqa: E402
+from rclpy.serialization import deserialize_message  # noqa: E402
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores  # noqa: E402  (needs rclpy)
 from rosbags.typesys.store import Typestore  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -23,6 +24,7 @@ from lunar_rover_sim.image.rendering.labels import instances  # noqa: E402
 from lunar_rover_sim.image.rendering.labels import LABEL_FIRST_ROCK  # noqa: E402
 from lunar_rover_sim.nodes import conversions, image_conversions  # noqa: E402
 from lunar_rover_sim.nodes.message_types import definition_of  # noqa: E402
+from lunar_rover_sim.nodes.refilled import Refilled  # noqa: E402
 from lunar_rover_sim.rover.description import Legs, RoverDescription  # noqa: E402
 from lunar_rover_sim.rover.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.sensors.wheel_odometry import Rolling, WheelOdometry  # noqa: E402
@@ -80,8 +82,10 @@ def test_wheel_odometry_says_what_it_does_not_know() -> None:
     for angle in np.linspace(0.0, 20.0, 100):
         odometry.add([0.8 * angle, angle, 0.8 * angle, angle], 0.005)
     msg = Odometry()
-    conversions.fill_wheel_odometry(msg, odometry)
-    assert msg.child_frame_id == 'base_link'
+    runs = conversions.wheel_odometry_numbers(odometry)
+    data = Refilled.of(msg, 'pose.pose', 'pose.covariance', 'twist.twist',
+                       'twist.covariance').filled(5, *runs)
+    msg = deserialize_message(data, Odometry)
     x, y, yaw = odometry.pose
     assert (msg.pose.pose.position.x, msg.pose.pose.position.y) == (x, y)
     assert 2.0 * np.arctan2(msg.pose.pose.orientation.z, msg.pose.pose.orientation.w) \

@@ -85,6 +85,29 @@ def test_a_controller_with_default_qos_answers_every_state(peer: Peer,
     assert stamps == [5_000_000 * (k + 1) for k in range(len(stamps))]
 
 
+@pytest.mark.parametrize('late', [0, 1])
+def test_a_command_acts_when_it_may_come_at_the_latest(peer: Peer, world_folder: Path,
+                                                       late: int) -> None:
+    """With a lag of two states answers may be one late, and it makes no difference whether."""
+    states: list[JointState] = []
+    publisher = peer.node.create_publisher(JointState, 'joint_commands', 10)
+
+    def answer(state: JointState) -> None:
+        states.append(state)
+        if len(states) > late:
+            answered = states[-1 - late].header
+            velocity = [4.0 if header_ns(states[-1 - late]) >= 250_000_000 else 0.0] * 4
+            publisher.publish(JointState(header=answered, name=LEGS, velocity=velocity))
+
+    peer.node.create_subscription(JointState, 'joint_states', answer, 10)
+    with running('physics_node', '-p', f'world:={world_folder}', *WAIT[:-1],
+                 'wait.lags_s:=[0.01]'):
+        peer.spin_until(lambda: len(states) > 60)
+    torques = {header_ns(state) // 1_000_000: abs(state.effort[0]) for state in states}
+    # The answer to the state of 250 ms acts from 255 ms on, so the state of 260 ms shows it.
+    assert torques[255] < 0.1 < torques[260]
+
+
 @pytest.mark.parametrize(('offered', 'requested', 'said'), [
     ({'reliability': ReliabilityPolicy.BEST_EFFORT}, {},
      r'peer offers BEST_EFFORT, .* as QoSProfile\(depth=10\)'),

@@ -12,6 +12,8 @@ import pytest
 pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import Vector3Stamped  # noqa: E402
+from nav_msgs.msg import Odometry  # noqa: E402
+from rclpy.serialization import deserialize_message  # noqa: E402
 from sensor_msgs.msg import BatteryState, Imu  # noqa: E402
 
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
@@ -156,3 +158,18 @@ def test_slip_is_summed_while_it_is_read(state: RoverState, simulation: Simulati
     assert first.name == [*Legs().names, *(f'{leg}_sweep' for leg in Legs().names)]
     gained = np.asarray(second.position) - first.position
     assert gained == pytest.approx(1e-9 * config.state_period_ns * np.asarray(second.velocity))
+
+
+def test_wheel_odometry_comes_with_every_state(state: RoverState, simulation: Simulation) -> None:
+    """It is sent as it lies in CDR: as rclpy reads it, each has its own numbers and stamp."""
+    node = Reader('wheel_odom')
+    sensors = of(node, simulation, PhysicsNodeConfig())
+    angle = state.joint_angle_rad
+    for k in range(3):
+        sensors.publish(dataclasses.replace(state, joint_angle_rad=angle + 0.1 * k), 5 * k)
+    sent = [deserialize_message(data, Odometry) for data in node.sent]
+    assert [time_ns(m.header.stamp) for m in sent] == [0, 5, 10]
+    assert {(m.header.frame_id, m.child_frame_id) for m in sent} == {
+        (topics.WHEEL_ODOM.frame_id, 'base_link')}
+    way = [m.pose.pose.position.x for m in sent]
+    assert way[0] == 0.0 and way[2] > way[1] > 0.0

@@ -181,7 +181,7 @@ class Collected:
     def __init__(self, T_base_imu: Array) -> None:
         self._R_base_imu = T_base_imu[:3, :3]
         self._imu: list[tuple[int, Any, Any]] = []
-        self._wheels: list[tuple[int, Wheels]] = []
+        self._wheels: list[tuple[int, Any]] = []
         self._sun: list[tuple[int, Array]] = []
         self._stars: list[Stars] = []
         self._to_sun: Array | None = None
@@ -208,11 +208,7 @@ class Collected:
             self._imu.append((stamp, xyz(message.angular_velocity),
                               xyz(message.linear_acceleration)))
         elif topic is topics.WHEEL_ODOM:
-            pose = message.pose.pose
-            yaw = rpy_from_wxyz(wxyz(pose.orientation))[2]
-            self._wheels.append((stamp, Wheels(
-                np.array([pose.position.x, pose.position.y, yaw]),
-                np.reshape(message.pose.covariance, (6, 6))[_PLANE])))
+            self._wheels.append((stamp, message.pose))
         elif topic is topics.SUN_SENSOR:
             self._sun.append((stamp, np.array(xyz(message.vector))))
         else:
@@ -234,6 +230,13 @@ class Collected:
             ns, rates, forces = zip(*imu)
             inertial = Inertial(np.array(ns, np.int64), np.array(rates) @ self._R_base_imu.T,
                                 np.array(forces) @ self._R_base_imu.T)
-        return Aids(inertial, wheels[-1][1] if wheels else None,
+        return Aids(inertial, _wheels(wheels[-1][1]) if wheels else None,
                     Sun(*sun[-1], self._to_sun) if sun and self._to_sun is not None else None,
                     stars[-1] if stars else None)
+
+
+def _wheels(told: Any) -> Wheels:
+    """Return what a geometry_msgs/PoseWithCovariance says of the plane."""
+    position, yaw = told.pose.position, rpy_from_wxyz(wxyz(told.pose.orientation))[2]
+    return Wheels(np.array([position.x, position.y, yaw]),
+                  np.reshape(told.covariance, (6, 6))[_PLANE])
