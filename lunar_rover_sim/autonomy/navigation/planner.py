@@ -88,6 +88,7 @@ class Planner:
         """
         self._overview, self._creep = overview, creep
         self._grid, self._rover = grid, np.asarray(rover_xy_m, float)[:2]
+        self._radius_m = radius_m
         self.room_m = room = radius_m + config.margin_m
         self.unknown = grid.cost == UNKNOWN
         self.lethal = grid.cost >= LETHAL
@@ -205,8 +206,8 @@ class Planner:
         bad = (apart < np.minimum(self.room_m, apart[0])) | self._at(self.dark, points, True)
         bad[0] = False
         last = int(np.argmax(bad)) - 1 if bad.any() else len(steps) - 1
-        if apart[last] < self.room_m and apart[last] <= apart[0]:
-            return 0.0      # it does not leave it: a slope on which it stands goes on there
+        if apart[last] <= apart[0] < self._radius_m:
+            return 0.0      # a slope on which it stands goes on there
         return float(min(steps[last], wanted_m))
 
     def has_room(self, position_m: ArrayLike) -> bool:
