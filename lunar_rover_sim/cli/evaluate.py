@@ -211,7 +211,5 @@ def map_(bag: Path, world: Path | None, maps: int, output: Path | None, as_json:
 
 
 def _row(rates: Rates) -> tuple[str, ...]:
-    def number(value: float, digits: int) -> str:
-        return f'{value:.{digits}f}' if value == value else '-'
-    return (f'{rates.low_m:g} to {rates.high_m:g}', str(rates.cells), number(rates.rms_m, 4),
-            number(rates.median_m, 4), number(rates.precision, 2), number(rates.recall, 2))
+    return (f'{rates.low_m:g} to {rates.high_m:g}', str(rates.cells), _number(rates.rms_m, 4),
+            _number(rates.median_m, 4), _number(rates.precision, 2), _number(rates.recall, 2))

@@ -52,14 +52,13 @@ def absolute_angles_rad(truth: Trajectory, estimate: Trajectory) -> Array:
     return (truth.rotations.inv() * estimate.rotations).magnitude()
 
 
-def pairs_by_distance(truth: Trajectory, distance_m: float,
-                      tolerance: float = PAIR_TOLERANCE) -> NDArray[np.int64]:
+def pairs_by_distance(truth: Trajectory, distance_m: float) -> NDArray[np.int64]:
     """Return (k, 2) indices (i, j) of poses whose path along the truth is `distance_m` apart.
 
-    For every i the j whose distance is nearest; pairs that are off by more than `tolerance` times
-    the distance are left out.
+    For every i the j whose distance is nearest; pairs that are off by more than `PAIR_TOLERANCE`
+    times the distance are left out.
     """
-    return _pairs(truth.distances_m, distance_m, tolerance * distance_m)
+    return _pairs(truth.distances_m, distance_m, PAIR_TOLERANCE * distance_m)
 
 
 def pairs_by_time(truth: Trajectory, time_s: float) -> NDArray[np.int64]:

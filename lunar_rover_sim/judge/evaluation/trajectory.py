@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 import dataclasses
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,26 +12,11 @@ from scipy.spatial.transform import Rotation
 from lunar_rover_sim.bag.totals import driven_distance_m
 from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.frames import Array, distance_along
+from lunar_rover_sim.rover.physics.state import RoverState
 
 Stamps = NDArray[np.int64]
 _UNIT_TOLERANCE = 0.02      # of a quaternion's length: two decimals in a file leave 1 %
 _ASYMMETRY = 1e-6           # of a covariance, relative to its largest number
-
-
-class StampedState(Protocol):
-    """Where the rover is at a stamp."""
-
-    @property
-    def stamp_ns(self) -> int:
-        """Simulated time [ns]."""
-
-    @property
-    def position_m(self) -> Array:
-        """(3,) origin of base_link, world frame."""
-
-    @property
-    def orientation_wxyz(self) -> Array:
-        """(4,) base_link in the world frame."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,12 +43,12 @@ class Trajectory:
     covariances: Array | None = None
 
     @classmethod
-    def of_states(cls, states: Iterable[StampedState], name: str = 'truth') -> Trajectory:
-        """Return the poses of base_link in states, such as those of a `Simulation`."""
+    def of_states(cls, states: Iterable[RoverState]) -> Trajectory:
+        """Return the poses of base_link in the states of a `Simulation`: the truth."""
         known = list(states)
         return cls(np.array([state.stamp_ns for state in known], np.int64),
                    np.array([state.position_m for state in known]).reshape(-1, 3),
-                   np.array([state.orientation_wxyz for state in known]).reshape(-1, 4), name)
+                   np.array([state.orientation_wxyz for state in known]).reshape(-1, 4), 'truth')
 
     def __repr__(self) -> str:
         span_s = 1e-9 * (self.stamps_ns[-1] - self.stamps_ns[0]) if len(self.stamps_ns) else 0.0

@@ -188,20 +188,36 @@ def image_stamps_ns(source: Source) -> NDArray[np.int64] | None:
 _NS_FROM = 1e12
 _KITTI_PERIOD_NS = 100_000_000
 _MAX_BYTES = 1 << 30
-_COVARIANCE_COLUMNS = 8 + 21
+_COLUMNS = 8        # of TUM and EuRoC
+_COVARIANCE_COLUMNS = _COLUMNS + 21
 _LARGEST = 1e12     # of a coordinate [m]: beyond the planets
 
 
 def read_tum(path: Path | str) -> Trajectory:
-    """Read a TUM file; raise EvaluationError that names file and line."""
+    """Read a TUM file, also with covariances; raise EvaluationError that names file and line."""
     path = Path(path)
-    return _from_rows(path, list(_rows(path, 8, 8)), (4, 5, 6, 7))
+    line, words = next(_rows(path, 1, None), (0, []))
+    count = len(words)
+    if count not in (0, _COLUMNS, _COVARIANCE_COLUMNS):
+        raise EvaluationError(f'{path}: line {line} has {count} columns; valid are {_COLUMNS} '
+                              f'(TUM), {_COVARIANCE_COLUMNS} (TUM with covariance), 12 (KITTI), '
+                              'or a .csv file (EuRoC)')
+    rows = list(_rows(path, count, count))
+    trajectory = _from_rows(path, rows, (4, 5, 6, 7))
+    if count == _COLUMNS:
+        return trajectory
+    upper = np.array([[_number(path, line, word) for word in words[_COLUMNS:]]
+                      for line, words in rows])
+    covariances = np.zeros((len(rows), 6, 6))
+    i, j = np.triu_indices(6)
+    covariances[:, i, j] = covariances[:, j, i] = upper
+    return dataclasses.replace(trajectory, covariances=covariances)
 
 
 def read_euroc(path: Path | str) -> Trajectory:
     """Read an EuRoC `data.csv` of poses; raise EvaluationError that names file and line."""
     path = Path(path)
-    return _from_rows(path, list(_rows(path, 8, None)), (5, 6, 7, 4), always_ns=True)
+    return _from_rows(path, list(_rows(path, _COLUMNS, None)), (5, 6, 7, 4), always_ns=True)
 
 
 def read_kitti(path: Path | str, times: Path | str | None = None) -> Trajectory:
@@ -232,18 +248,6 @@ def read_kitti(path: Path | str, times: Path | str | None = None) -> Trajectory:
     return Trajectory(stamps, matrices[:, :, 3].reshape(-1, 3), quats, str(path))
 
 
-def read_tum_covariance(path: Path | str) -> Trajectory:
-    """Read a TUM file with covariances; raise EvaluationError that names file and line."""
-    path = Path(path)
-    rows = list(_rows(path, _COVARIANCE_COLUMNS, _COVARIANCE_COLUMNS))
-    trajectory = _from_rows(path, rows, (4, 5, 6, 7))
-    upper = np.array([[_number(path, line, word) for word in words[8:]] for line, words in rows])
-    covariances = np.zeros((len(rows), 6, 6))
-    i, j = np.triu_indices(6)
-    covariances[:, i, j] = covariances[:, j, i] = upper
-    return dataclasses.replace(trajectory, covariances=covariances)
-
-
 def write_tum(path: Path | str, trajectory: Trajectory) -> None:
     """Write a TUM file, stamps exact to the ns; raise EvaluationError if that fails."""
     q = trajectory.orientations_wxyz
@@ -271,18 +275,7 @@ def read_trajectory(path: Path | str, times: Path | str | None = None) -> Trajec
     path = Path(path)
     if is_kitti(path):
         return read_kitti(path, times)
-    for line, words in _rows(path, 1, None):
-        count = len(words)
-        if path.suffix.lower() == '.csv':
-            return read_euroc(path)
-        if count == 8:
-            return read_tum(path)
-        if count == _COVARIANCE_COLUMNS:
-            return read_tum_covariance(path)
-        raise EvaluationError(f'{path}: line {line} has {count} columns; valid are 8 (TUM), '
-                              f'{_COVARIANCE_COLUMNS} (TUM with covariance), 12 (KITTI), or a '
-                              '.csv file (EuRoC)')
-    raise EvaluationError(f'{path}: holds no poses')
+    return read_euroc(path) if path.suffix.lower() == '.csv' else read_tum(path)
 
 
 def is_kitti(path: Path) -> bool:
