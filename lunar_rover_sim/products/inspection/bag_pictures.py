@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +31,24 @@ from lunar_rover_sim.sensors.sensor import Sensor
 
 Save = Callable[[Figure, str], None]
 
-_OF_LEFT = (topics.LABELS, topics.CRATERS, topics.SHADOW, topics.NORMALS, topics.OPTICAL_FLOW,
-            topics.SCENE_FLOW)
-_LEFT_OF = dict(zip(topics.OF_RIGHT, (topics.TRUE_DEPTH, topics.LABELS, topics.CRATERS,
-                                      topics.SHADOW, topics.NORMALS), strict=True))
-_OF_HAZARD = (topics.HAZARD_IMAGE, topics.HAZARD_DEPTH, topics.HAZARD_LABELS,
-              topics.HAZARD_CRATERS)
+Draw = Callable[[NDArray[Any]], NDArray[np.uint8]]     # pixels as (h, w, 3) BGR colours
+
+# What is shown of a camera, and how it is drawn.
+_OF_LEFT: Mapping[topics.Topic, Draw] = {
+    topics.LABELS: layer_pictures.label_picture, topics.CRATERS: layer_pictures.crater_picture,
+    topics.SHADOW: layer_pictures.shadow_picture, topics.NORMALS: layer_pictures.normal_picture,
+    topics.OPTICAL_FLOW: layer_pictures.flow_picture,
+    topics.SCENE_FLOW: layer_pictures.flow_picture}
+_OF_RIGHT: Mapping[topics.Topic, Draw] = {
+    topics.RIGHT_TRUE_DEPTH: layer_pictures.depth_picture,
+    topics.RIGHT_LABELS: layer_pictures.label_picture,
+    topics.RIGHT_CRATERS: layer_pictures.crater_picture,
+    topics.RIGHT_SHADOW: layer_pictures.shadow_picture,
+    topics.RIGHT_NORMALS: layer_pictures.normal_picture}
+_OF_HAZARD: Mapping[topics.Topic, Draw] = {
+    topics.HAZARD_IMAGE: layer_pictures.gray8, topics.HAZARD_DEPTH: layer_pictures.depth_picture,
+    topics.HAZARD_LABELS: layer_pictures.label_picture,
+    topics.HAZARD_CRATERS: layer_pictures.crater_picture}
 _CHASE_FRAMES = 4
 _MOST_WINDOWS = 16      # of a site, whose fine ground a map shows
 _NEAR_SHARE = 95.0      # the map of a scan extends to this percentile of the distances
@@ -49,19 +61,17 @@ _SHOWN_ELSEWHERE = (topics.IMU_RAW,)    # imu.png shows it
 def truth_figures(bag: Bag, save: Save) -> None:
     """Draw the truth of the last frame with all recorded layers, for each camera of the pair."""
     _figure(bag, _OF_LEFT, 'truth.png', save)
-    _figure(bag, topics.OF_RIGHT, 'truth_right.png', save)
+    _figure(bag, _OF_RIGHT, 'truth_right.png', save)
 
 
-def _figure(bag: Bag, shown: Sequence[topics.Topic], file: str,
-            save: Save) -> None:
+def _figure(bag: Bag, shown: Mapping[topics.Topic, Draw], file: str, save: Save) -> None:
     wanted = [topic for topic in shown if bag.has(topic.name)]
     stamps = series.common_stamps(bag, [topic.name for topic in wanted])
     if not stamps:
         return
     found = series.messages_at(bag, wanted, stamps[-1])
     save(_panels((10, 5.2), (2, 3), f'{stamps[-1] * 1e-9:.3f} s', [
-        (topic.name, truth_picture(_LEFT_OF.get(topic, topic),
-                                   series.picture(bag, found[topic]).pixels))
+        (topic.name, shown[topic](series.picture(bag, found[topic]).pixels))
         for topic in wanted if topic in found]), file)
 
 
@@ -76,21 +86,6 @@ def _panels(size: tuple[float, float], shape: tuple[int, int], title: str,
         axes.imshow(picture[..., ::-1])
     figure.suptitle(title, fontsize=9)
     return figure
-
-
-def truth_picture(topic: topics.Topic, pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """Return (h, w, 3) BGR colours of an image of a topic of the left camera's truth."""
-    if topic is topics.TRUE_DEPTH:
-        return layer_pictures.depth_picture(np.asarray(pixels, np.float32))
-    if topic is topics.LABELS:
-        return layer_pictures.label_picture(np.asarray(pixels, np.int32))
-    if topic is topics.CRATERS:
-        return layer_pictures.crater_picture(np.asarray(pixels, np.int32))
-    if topic is topics.SHADOW:
-        return layer_pictures.shadow_picture(np.asarray(pixels, np.uint8))
-    if topic is topics.NORMALS:
-        return layer_pictures.normal_picture(np.asarray(pixels, np.float32))
-    return layer_pictures.flow_picture(np.asarray(pixels, np.float32))
 
 
 def hazard_figures(bag: Bag, save: Save) -> None:
@@ -111,18 +106,9 @@ def hazard_figures(bag: Bag, save: Save) -> None:
             found = {topics.HAZARD_IMAGE: found[topics.HAZARD_IMAGE]}
         shape = (1, 1) if len(found) == 1 else (2, 2)
         save(_panels((10, 7.5), shape, f'{stamps[-1] * 1e-9:.3f} s', [
-            (kind.name.replace(topics.NAME, camera),
-             _hazard_picture(kind, series.picture(bag, found[kind]).pixels))
-            for kind in _OF_HAZARD if kind in found]), f'hazard_{camera.replace("/", "_")}.png')
-
-
-def _hazard_picture(kind: topics.Topic, pixels: NDArray[Any]) -> NDArray[np.uint8]:
-    if kind is topics.HAZARD_IMAGE:
-        return layer_pictures.gray8(pixels)
-    if kind is topics.HAZARD_DEPTH:
-        return layer_pictures.depth_picture(pixels)
-    return truth_picture(topics.LABELS if kind is topics.HAZARD_LABELS else topics.CRATERS,
-                         pixels)
+            (kind.name.replace(topics.NAME, camera), draw(series.picture(bag, found[kind]).pixels))
+            for kind, draw in _OF_HAZARD.items() if kind in found]),
+            f'hazard_{camera.replace("/", "_")}.png')
 
 
 def chase_figure(bag: Bag, save: Save) -> None:

@@ -81,32 +81,14 @@ U8 = NDArray[np.uint8]
 _INSET = 4      # width of the film over that of the image in its corner
 
 
-class Captions:
-    """Writes into pictures of RGB."""
-
-    def __init__(self, width: int) -> None:
-        """Choose sizes; width: of the film [px]."""
-        self._font = ImageFont.truetype(font_manager.findfont('DejaVu Sans'),
-                                        max(width // 45, 10))
-        self._margin = max(width // 90, 4)
-
-    def draw(self, picture: U8, left: str, right: str) -> None:
-        """Write into the lower corners."""
-        h, w = picture.shape[:2]
-        self._write(picture, (self._margin, h - self._margin), left, 'ls')
-        self._write(picture, (w - self._margin, h - self._margin), right, 'rs')
-
-    def _write(self, picture: U8, at: tuple[int, int], text: str, anchor: str) -> None:
-        image = Image.fromarray(picture)
-        ImageDraw.Draw(image).text(at, text, fill=(255, 255, 255), font=self._font,
+def _write(picture: U8, font: ImageFont.FreeTypeFont, left: str, right: str) -> None:
+    """Write into the lower corners of a picture."""
+    h, w = picture.shape[:2]
+    margin, image = max(w // 90, 4), Image.fromarray(picture)
+    for x, text, anchor in ((margin, left, 'ls'), (w - margin, right, 'rs')):
+        ImageDraw.Draw(image).text((x, h - margin), text, fill=(255, 255, 255), font=font,
                                    anchor=anchor, stroke_width=2, stroke_fill=(0, 0, 0))
-        picture[...] = np.asarray(image)
-
-
-def pace_caption(speed: float, real_time_factor: float | None) -> str:
-    """Return how fast a film is, and how fast its drive was recorded, if that is known."""
-    recorded = '' if real_time_factor is None else f'real-time factor {real_time_factor:.2g}, '
-    return f'{recorded}film speed × {speed:g}'
+    picture[...] = np.asarray(image)
 
 
 WIDTHS = (320, 3840)
@@ -219,8 +201,9 @@ class Film:
         config = dataclasses.replace(render, sun=sun, detail=dataclasses.replace(
             render.detail, smooth_outlines=True))
         world = self._driven.at(int(self.times_ns[0]))
-        captions = Captions(width)
-        pace = pace_caption(options.speed, self._factor)
+        font = ImageFont.truetype(font_manager.findfont('DejaVu Sans'), max(width // 45, 10))
+        recorded = '' if self._factor is None else f'real-time factor {self._factor:.2g}, '
+        pace = f'{recorded}film speed × {options.speed:g}'
         with open_bag(self._path) as bag, \
                 Renderer(world, self._nodes.rover, config, config.seed) as renderer:
             overlay = Overlay() if bag.has(topics.GROUND_CHANGES.name) else None
@@ -240,7 +223,7 @@ class Film:
                 outside = gray8(pixels)[..., ::-1].copy()
                 if not options.bare:
                     _add_inset(outside, _picture(bag, shown))
-                captions.draw(outside, f'simulated time {time_ns / NS_PER_S:.1f} s', pace)
+                _write(outside, font, f'simulated time {time_ns / NS_PER_S:.1f} s', pace)
                 yield outside
 
 

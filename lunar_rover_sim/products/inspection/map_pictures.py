@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import dataclasses
 from typing import Any
 
 from matplotlib import colormaps
@@ -29,35 +28,18 @@ _LABELLED = 12                          # of its craters, the largest
 _UNKNOWN, _LETHAL = (0.13, 0.13, 0.15), (0.93, 0.30, 0.20)
 
 
-@dataclasses.dataclass(frozen=True)
-class MapMessage:
-    """A recorded map.
+def map_of(message: Any) -> tuple[NDArray[np.uint8], tuple[float, float, float, float]]:
+    """Return the (n, n, 3) RGB colours of a nav_msgs/OccupancyGrid, row 0 south, and its extent.
 
-    Attributes:
-        stamp_ns: Of the header [ns].
-        extent_m: Least x, greatest x, least y, greatest y.
-        cost: (n, n) int8, row 0 south: 0 free to 100, -1 unknown.
+    The extent is least x, greatest x, least y, greatest y [m].
     """
-
-    stamp_ns: int
-    extent_m: tuple[float, float, float, float]
-    cost: NDArray[np.int8]
-
-    @classmethod
-    def of(cls, message: Any) -> MapMessage:
-        """Return what a nav_msgs/OccupancyGrid holds."""
-        info = message.info
-        x, y = info.origin.position.x, info.origin.position.y
-        cost = np.asarray(message.data, np.int8).reshape(info.height, info.width)
-        return cls(header_ns(message), (x, x + info.width * info.resolution, y,
-                                        y + info.height * info.resolution), cost)
-
-    def colours(self) -> NDArray[np.uint8]:
-        """Return the (n, n, 3) RGB colours, row 0 south."""
-        shown = _COLOURS(np.clip(self.cost, 0, 99) / 99.0)[..., :3]
-        shown[self.cost < 0] = _UNKNOWN
-        shown[self.cost >= 100] = _LETHAL
-        return np.asarray(255.0 * shown, np.uint8)
+    info, (x, y, _) = message.info, xyz(message.info.origin.position)
+    cost = np.asarray(message.data, np.int8).reshape(info.height, info.width)
+    colours = _COLOURS(np.clip(cost, 0, 99) / 99.0)[..., :3]
+    colours[cost < 0] = _UNKNOWN
+    colours[cost >= 100] = _LETHAL
+    return np.asarray(255.0 * colours, np.uint8), (
+        x, x + info.width * info.resolution, y, y + info.height * info.resolution)
 
 
 def path_of(message: Any) -> Array:
@@ -93,8 +75,8 @@ def map_figure(bag: Bag, odometry: Odometry, save: Callable[[Figure, str], None]
         axes.set_axis_on()
         _, _, message = next(iter(bag.messages([bag.resolve(topics.TRAVERSABILITY.name)], stamp,
                                                stamp + 1)))
-        shown = MapMessage.of(message)
-        axes.imshow(shown.colours(), origin='lower', extent=shown.extent_m)
+        colours, extent_m = map_of(message)
+        axes.imshow(colours, origin='lower', extent=extent_m)
         gone = odometry.positions_m[odometry.stamps_ns <= stamp]
         axes.plot(gone[:, 0], gone[:, 1], color='white', lw=1.2, label='driven')
         for listed, label, colour, marker in ((plans, 'plan', 'tab:orange', ''),
@@ -103,8 +85,7 @@ def map_figure(bag: Bag, odometry: Odometry, save: Callable[[Figure, str], None]
             if past and past[-1].size:
                 x, y = np.atleast_2d(past[-1]).T
                 axes.plot(x, y, label=label, color=colour, marker=marker, ms=12)
-        low_x, high_x, low_y, high_y = shown.extent_m
-        axes.set(xlim=(low_x, high_x), ylim=(low_y, high_y), aspect='equal',
+        axes.set(xlim=extent_m[:2], ylim=extent_m[2:], aspect='equal',
                  xlabel='x, east [m]', ylabel='y, north [m]')
         axes.set_title(f'{stamp * 1e-9:.1f} s; dark: unknown, red: not to be crossed', fontsize=9)
         axes.legend(loc='upper right', fontsize=8)
