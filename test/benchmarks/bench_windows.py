@@ -1,13 +1,14 @@
 """Windows of a site: is the walk that in one large window, and one pose the same picture?
 
-    python test/benchmarks/bench_windows.py [walk | images] [--ground regolith] [--seeds 1 2 3]
-        [--duration 60]
+    python test/benchmarks/bench_windows.py [walk | images | film] [--ground regolith]
+        [--seeds 1 2 3] [--duration 60]
 
 `walk`: a rover walks back and forth over the place where windows change, by itself in windows and
 in one window large enough for all of it; prints whether all states are equal bit for bit, how
 often the window changed, and the share of the time that passed in the steps in which it did.
 `images`: poses between two windows are drawn from both; prints the share of pixels within one
 grey level, to 10 m and of all.
+`film`: frames of a straight way over a change; prints how much each differs from the one before.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from lunar_rover_sim.run.scenario import Scenario
 STATE_S = 0.005
 WIDE_M = 76.8
 TURN_DEG = 40.0
+FRAMES, STEP_M = 24, 0.02
 
 
 def walk(scenario: Scenario, world: World, duration_s: float) -> tuple[np.ndarray, int, float]:
@@ -91,18 +93,40 @@ def images(seeds: list[int]) -> None:
               f'10 m within one level, {100.0 * same.mean():.2f} % of all', flush=True)
 
 
+def film(seeds: list[int]) -> None:
+    """Print for each seed how much a frame differs from the one before, [grey levels]."""
+    for seed in seeds:
+        scenario = Scenario.load('site', ['render_node.sensor.exposure_mode=fixed'], seed=seed)
+        world = scenario.load_world()
+        site = Site.of(world)
+        begin_m, frames = 0.5 * site.step_m - 0.5 * STEP_M * FRAMES, []
+        with Renderer(world, scenario.rover, scenario.render_node, seed) as renderer:
+            for k in range(FRAMES):
+                if k == FRAMES // 2:
+                    renderer.enter(site.window((site.step_m, 0.0)))
+                pose = RoverPose(standing(world, begin_m + STEP_M * k, 0.4, 0.5 * TURN_DEG))
+                frames.append(renderer.render(pose, k, ('left',)).left.astype(float))
+        moved = np.array([np.abs(b - a).mean() for a, b in zip(frames, frames[1:])])
+        changed = FRAMES // 2 - 1
+        print(f'seed {seed}, {FRAMES} frames {100 * STEP_M:g} cm apart: {moved[changed]:.1f} at '
+              f'the change of the window, {moved.min():.1f} to {moved.max():.1f} from others, '
+              f'{moved[changed - 1]:.1f} and {moved[changed + 1]:.1f} beside it', flush=True)
+
+
 def main() -> None:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
-    parser.add_argument('what', nargs='?', choices=('walk', 'images'))
+    parser.add_argument('what', nargs='?', choices=('walk', 'images', 'film'))
     parser.add_argument('--ground', choices=('rigid', 'regolith'), default='regolith')
     parser.add_argument('--seeds', type=int, nargs='+', default=[1, 2, 3])
     parser.add_argument('--duration', type=float, default=60.0)
     given = parser.parse_args()
-    if given.what != 'images':
+    if given.what in (None, 'walk'):
         walks(given.ground, given.seeds, given.duration)
-    if given.what != 'walk':
+    if given.what in (None, 'images'):
         images(given.seeds)
+    if given.what in (None, 'film'):
+        film(given.seeds)
 
 
 if __name__ == '__main__':
