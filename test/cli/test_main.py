@@ -16,10 +16,12 @@ from typing import Any
 
 from command_line import given
 import pytest
+import worlds
 
 from lunar_rover_sim.base.compilation import COMPILATION
 from lunar_rover_sim.cli import terminal
 from lunar_rover_sim.cli.main import COMMANDS, GROUPS, load, main
+from lunar_rover_sim.ground.world.world_folder import save_world
 
 HEAVY = {'cv2', 'matplotlib', 'mujoco', 'numpy', 'rclpy', 'rich', 'scipy', 'yaml'}
 BAD_INPUT = {
@@ -75,21 +77,66 @@ BAD_INPUT = {
     'parameters physics': (1, "section: 'physics' is not valid; did you mean physics_node"),
     'parameters render_node.sunn': (1, 'did you mean sun?'),
     'parameters --search xyzzy': (1, "no parameter has 'xyzzy'"),
+    'render baseline --world {world} -o {new} --pose 1e6,0,0': (
+        1, '--pose: (1e+06, 0) lies outside the world; valid are x and y within'),
+    'render baseline --world {world} -o {new} --set render_node.reflectance.ground=mars': (
+        1, "reflectance.ground: 'mars' is not valid"),
+    'render flat -o {new} --chase-from 0,0,0': (1, '--chase-from: distance_m: 0.0 is not valid'),
+    'calibrate gait flatt -o {new}': (1, 'flatt: no such scenario; did you mean flat'),
+    'calibrate gait -o {new} --workers 0': (1, '--workers: 0 is not valid'),
+    'calibrate gait -o {new} --measure 0': (1, '--measure: 0 is not valid'),
+    'calibrate gait -o {new} --set rover.legs.spokes=6': (1, 'foot_width_deg: 60'),
+    'validate locomotion -o {new} --duration 5': (1, '--duration: 5 is not valid'),
+    'validate locomotion -o {new} --gravities nan': (1, '--gravities: nan is not valid'),
+    'validate traverse -o {new} --seeds 0': (1, '--seeds: 0 is not valid'),
+    'validate traverse -o {new} --duration 1': (1, '--duration: 1 is not valid'),
+    'validate navigation -o {new} --set shared.seed=3': (1, "no such section 'shared'"),
+    'validate odometry -n 2': (1, '--drives: 2 is not valid; valid is >= 3'),
+    'validate odometry --duration 1': (1, '--duration: 1 is not valid'),
+    'world sun 0 -95': (1, 'PLACE: 0 -95 is not valid; valid are'),
+    'world sun 0 x': (1, 'valid are two numbers'),
+    'world sun 0 0 0': (1, 'PLACE: 0 0 0 is not valid'),
+    'world sun 0 0 --from 1950-01-01': (1, '--from: 1950-01-01T00:00:00Z is not valid'),
+    'world sun 0 0 --from 2026-01-02 --to 2026-01-01': (1, '--to: 2026-01-01 is -24 h after'),
+    'world sun 0 0 --step 0': (1, '--step: 0 is not valid; valid is 0.1 to'),
+    'world sun 0 0 --at 1 2': (1, '--at: is for a world folder'),
+    'world sun {world}': (1, 'does not say where on the Moon it is; give --at LON LAT'),
+    'world export {world} -o {new}.tif --set orbital.pixel_m=2': (1, '--set: is for --orbital'),
+    'world export {world} --orbital -o {world}': (1, 'exists already'),
+    'world export {world} --orbital -o {new}.tif': (
+        1, 'new.tif is not valid with --orbital, which writes a folder'),
+    'world export {world} --orbital -o {new} --stride 3': (
+        1, '--stride: is not for --orbital; valid is --set orbital.PARAM=VALUE'),
+    'world export {world} --orbital -o {new} --set orbital.extend_m=3': (1, 'mean extent_m'),
+    'world export {world} --orbital -o {new} --set world.seed=3': (
+        1, '--set world.seed=3: valid is orbital.PARAM=VALUE'),
+    'world export {world} --orbital -o {new} --set orbital.extent_m=30000': (
+        1, 'extent_m: 30000 is not valid; valid is <= '),
+    'world export {world} --orbital -o {new} --set orbital.pixel_m=100 --set orbital.extent_m=120':
+        (1, 'pixel_m: 100 is not valid; valid is <= 15 [m], for 120 m of ground'),
+    'world export {world} --orbital -o {new} --sun 20 0': (
+        1, 'sun_elevation_deg: 0.0 is not valid; valid is 1 to 90'),
 }
 
 
+@pytest.fixture(scope='module', name='world')
+def _world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return save_world(worlds.small(), tmp_path_factory.mktemp('worlds') / 'moon')
+
+
 @pytest.mark.parametrize('line', BAD_INPUT)
-def test_bad_input_is_one_line(line: str, tmp_path: Path,
+def test_bad_input_is_one_line(line: str, world: Path, tmp_path: Path,
                                capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing on stdout, nothing written."""
     status, words = BAD_INPUT[line]
-    assert main(line.format(new=tmp_path / 'new').split()) == status
+    assert main(line.format(new=tmp_path / 'new', world=world).split()) == status
     said = capsys.readouterr()
     # A slow machine tells its progress.
     error, = (line for line in said.err.splitlines() if not line.startswith('building the world'))
     assert error.startswith('lunar_rover_sim: ') and words in error
     assert not said.out and not list(tmp_path.iterdir())
-    assert len(error.replace(str(tmp_path / 'new'), 'new')) < 160    # two lines of a terminal
+    error = error.replace(str(tmp_path), '').replace(str(world), 'moon')
+    assert len(error) < 160     # two lines of a terminal
 
 
 def test_an_error_is_folded_to_a_terminal() -> None:

@@ -4,7 +4,6 @@ import errno
 import functools
 import json
 import os
-from pathlib import Path
 
 import camera_scene as scene
 from conftest import PLAIN
@@ -92,16 +91,12 @@ def test_validate_stereo(tmp_path, capsys):
     assert '--frames: 0 is not valid; valid is >= 1' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('arguments,message', [
-    (['--pose', '1e6,0,0'], '--pose: (1e+06, 0) lies outside the world; valid are x and y within'),
-    (['--set', 'render_node.reflectance.ground=mars'], "reflectance.ground: 'mars' is not valid"),
-    (['--set', 'render_node.camera.distortion=[-1.5, 0, 0, 0, 0]'], 'distortion: [-1.5, 0.0,'),
-])
-def test_render_refuses(folder, tmp_path, capsys, arguments, message):
+def test_a_lens_that_folds_the_image_is_refused(folder, tmp_path, capsys):
     out = tmp_path / 'frames'
-    assert main(['render', 'baseline', '--world', str(folder), '-o', str(out), *arguments]) == 1
+    assert main(['render', 'baseline', '--world', str(folder), '-o', str(out), '--set',
+                 'render_node.camera.distortion=[-1.5, 0, 0, 0, 0]']) == 1
     said = capsys.readouterr().err.strip()
-    assert message in said and '\n' not in said
+    assert 'distortion: [-1.5, 0.0,' in said and '\n' not in said
     assert not out.exists() or not list(out.iterdir())
 
 
@@ -160,10 +155,3 @@ def test_a_picture_that_cannot_be_written_is_an_error(folder, tmp_path, monkeypa
     said = capsys.readouterr().err.splitlines()[-1]     # after progress on a busy machine
     assert '000_left.png: cannot be written: No space left' in said
     assert not list((tmp_path / 'frames').iterdir())
-
-
-def test_a_chase_camera_that_cannot_be_is_named(tmp_path: Path,
-                                                capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['render', 'flat', '--chase-from', '0,0,0', '-o', str(tmp_path / 'x')]) == 1
-    said = capsys.readouterr().err.splitlines()
-    assert len(said) == 1 and '--chase-from: distance_m: 0.0 is not valid; valid is' in said[0]

@@ -1,4 +1,4 @@
-"""`world export --orbital`: what other programs read of it, and what it refuses."""
+"""`world export --orbital`: what other programs read of it."""
 
 import json
 from pathlib import Path
@@ -47,35 +47,3 @@ def test_other_programs_read_heights_photo_and_craters(moon: Path, tmp_path: Pat
             file.write(wrong, 1)
         with pytest.raises(WorldError, match='heights are infinite, or all missing'):
             OrbitalMap.load(maps)
-
-
-@pytest.mark.parametrize('words, said', [
-    (['--stride', '3'], '--stride: is not for --orbital; valid is --set orbital.PARAM=VALUE'),
-    (['--set', 'orbital.extend_m=3'], 'did you mean extent_m'),
-    (['--set', 'world.seed=3'], '--set world.seed=3: valid is orbital.PARAM=VALUE'),
-    (['--set', 'orbital.extent_m=30000'], 'extent_m: 30000 is not valid; valid is <= '),
-    (['--set', 'orbital.pixel_m=100', '--set', 'orbital.extent_m=120'],
-     'pixel_m: 100 is not valid; valid is <= 15 [m], for 120 m of ground'),
-    (['--sun', '20', '0'], 'sun_elevation_deg: 0.0 is not valid; valid is 1 to 90'),
-])
-def test_what_is_not_valid_is_refused_in_one_line(
-        moon: Path, tmp_path: Path, words: list[str], said: str,
-        capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['world', 'export', str(moon), '--orbital', '-o', str(tmp_path / 'maps'),
-                 *words]) == 1
-    told = capsys.readouterr().err
-    assert said in told and told.count('\n') == 1
-    assert not (tmp_path / 'maps').exists()
-
-
-def test_set_needs_orbital_and_a_folder_is_kept(moon: Path, tmp_path: Path,
-                                                capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['world', 'export', str(moon), '-o', str(tmp_path / 'a.tif'), '--set',
-                 'orbital.pixel_m=2']) == 1
-    assert '--set: is for --orbital' in capsys.readouterr().err
-    (tmp_path / 'maps').mkdir()
-    assert main(['world', 'export', str(moon), '--orbital', '-o', str(tmp_path / 'maps')]) == 1
-    assert 'exists already' in capsys.readouterr().err
-    assert main(['world', 'export', str(moon), '--orbital', '-o', str(tmp_path / 'm.tif')]) == 1
-    assert 'm.tif is not valid with --orbital, which writes a folder' in capsys.readouterr().err
-    assert not (tmp_path / 'm.tif').exists()

@@ -1,4 +1,4 @@
-"""`world sun`: table, share of light, figure, and input that is not valid."""
+"""`world sun`: table, share of light, figure."""
 
 from pathlib import Path
 
@@ -41,18 +41,3 @@ def test_a_world_hides_the_sun(folder: str, capsys: pytest.CaptureFixture[str]) 
     level = capsys.readouterr().out
     share = [float(text.split('in light')[2].split('%')[0]) for text in (out, level)]
     assert share[0] < share[1]
-
-
-@pytest.mark.parametrize(('words', 'match'), [
-    (['0', '-95'], 'PLACE: 0 -95 is not valid; valid are'), (['0', 'x'], 'valid are two numbers'),
-    (['0', '0', '0'], 'PLACE: 0 0 0 is not valid'),
-    (['0', '0', '--from', '1950-01-01'], '--from: 1950-01-01T00:00:00Z is not valid'),
-    (['0', '0', '--from', '2026-01-02', '--to', '2026-01-01'], '--to: 2026-01-01 is -24 h after'),
-    (['0', '0', '--step', '0'], '--step: 0 is not valid; valid is 0.1 to'),
-    (['0', '0', '--at', '1', '2'], '--at: is for a world folder'),
-    (['WORLD'], 'does not say where on the Moon it is; give --at LON LAT')])
-def test_bad_input(words: list[str], match: str, folder: str,
-                   capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['world', 'sun', *[folder if word == 'WORLD' else word for word in words]]) == 1
-    error = capsys.readouterr().err
-    assert match in error and error.count('\n') == 1
