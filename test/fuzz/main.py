@@ -1,6 +1,6 @@
 """Reads mutated files and judges how that ends; a small share of it is a test of pytest.
 
-    python test/fuzz/main.py [--cases 2000] [--seed 1] [--only READER] [-o FOLDER] [--cli 100]
+    python test/fuzz/main.py [--cases 2000] [--seed 1] [--only READER] [--cli 100]
     python test/fuzz/main.py --case 1234 [--seed 1] [--keep FOLDER]
 
 Case N of a seed is always the same reader, file and mutation, so that `--case N` repeats it, with
@@ -10,18 +10,14 @@ time or does not end, wants more memory than MEMORY, kills the process, prints w
 of the package, or contradicts the documentation. --cli also gives refused inputs to the real
 command line: status 1 and one line.
 
-Prints each failure with the command that repeats it, and a table; writes fuzz.json and fuzz.md
-into FOLDER; exits with 1 if any case failed.
+Prints each failure with the command that repeats it, and a table; exits with 1 if any case failed.
 """
 
 import argparse
 from collections import Counter
-import dataclasses
-import json
 import os
 from pathlib import Path
 import random
-import shutil
 import sys
 import tempfile
 import time
@@ -37,10 +33,10 @@ FAILED = ('traceback', 'hang', 'slow', 'memory', 'died', 'print', 'contradiction
 
 def table(outcomes: list[Outcome], seed: int, took_s: float) -> str:
     """Return what came of the cases, as Markdown."""
-    failed = [o for o in outcomes if o.kind in FAILED]
     slowest = max(outcomes, key=lambda o: o.cpu_s)
-    lines = [f'{len(outcomes)} cases, seed {seed}, {took_s:.0f} s: {len(failed)} failed; the '
-             f'slowest took {slowest.cpu_s:.2f} s of processor time ({slowest.reader}).', '',
+    lines = [f'{len(outcomes)} cases, seed {seed}, {took_s:.0f} s: '
+             f'{sum(o.kind in FAILED for o in outcomes)} failed; the slowest took '
+             f'{slowest.cpu_s:.2f} s of processor time ({slowest.reader}).', '',
              '| reader | cases | accepted | refused | failed |', '|---|---|---|---|---|']
     for name in READERS:
         of = Counter(o.kind for o in outcomes if o.reader == name)
@@ -49,6 +45,28 @@ def table(outcomes: list[Outcome], seed: int, took_s: float) -> str:
             lines.append(f'| {name} | {of.total()} | {of["accepted"]} | {of["refused"]} | '
                          f'{bad or 0} |')
     return '\n'.join(lines)
+
+
+def tried(args: argparse.Namespace, folder: Path) -> list[Outcome]:
+    """Read the cases, and print each failure at once."""
+    make_samples(folder / 'samples', args.only)
+    outcomes: list[Outcome] = []
+
+    def add(outcome: Outcome) -> None:
+        outcomes.append(outcome)
+        if outcome.kind in FAILED:
+            print(f'{outcome.kind}: {outcome.reader} {outcome.file}: {outcome.said}\n'
+                  f'  {outcome.repeat}', flush=True)
+
+    cases = [Case(args.seed, k, args.only) for k in range(args.cases)]
+    for outcome in run_all(cases, folder / 'samples', folder, args.jobs):
+        add(outcome)
+    refused = [cases[o.number] for o in outcomes if o.kind == 'refused' and o.reader in COMMANDS]
+    for case in random.Random(args.seed).sample(refused, min(args.cli, len(refused))):
+        failure = run_by_command_line(case, folder / 'samples', folder / f'cli_{case.number}')
+        if failure is not None:
+            add(failure)
+    return outcomes
 
 
 def main() -> int:
@@ -62,10 +80,9 @@ def main() -> int:
                         help='also give N refused inputs to the command line')
     parser.add_argument('--case', type=int, metavar='N', help='one case, in this process')
     parser.add_argument('--keep', type=Path, metavar='FOLDER', help='for the files of --case')
-    parser.add_argument('-o', '--output', type=Path, metavar='FOLDER')
     args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix='fuzz_') as text:
-        folder = Path(text)
+        folder, start = Path(text), time.monotonic()
         os.environ['LUNAR_ROVER_SIM_CACHE'] = str(folder / 'cache')
         (folder / 'samples').mkdir()
         if args.case is not None:
@@ -73,31 +90,8 @@ def main() -> int:
             make_samples(folder / 'samples', case.reader)
             print(run(case, folder / 'samples', args.keep or folder / 'case', loud=True))
             return 0
-        make_samples(folder / 'samples', args.only)
-        start = time.monotonic()
-        cases = [Case(args.seed, k, args.only) for k in range(args.cases)]
-        outcomes = []
-        for outcome in run_all(cases, folder / 'samples', folder, args.jobs):
-            outcomes.append(outcome)
-            if outcome.kind in FAILED:
-                print(f'{outcome.kind}: {outcome.reader} {outcome.file}: {outcome.said}\n'
-                      f'  {outcome.repeat}', flush=True)
-        refused = [cases[o.number] for o in outcomes
-                   if o.kind == 'refused' and o.reader in COMMANDS]
-        random.Random(args.seed).shuffle(refused)
-        for case in refused[:args.cli]:
-            failure = run_by_command_line(case, folder / 'samples', folder / 'cli')
-            shutil.rmtree(folder / 'cli', ignore_errors=True)
-            if failure is not None:
-                outcomes.append(failure)
-                print(f'cli: {failure.said}\n  {failure.repeat}', flush=True)
-        summary = table(outcomes, args.seed, time.monotonic() - start)
-    print(summary)
-    if args.output is not None:
-        args.output.mkdir(parents=True, exist_ok=True)
-        (args.output / 'fuzz.md').write_text(summary + '\n')
-        (args.output / 'fuzz.json').write_text(json.dumps(
-            [dataclasses.asdict(o) for o in outcomes], indent=1) + '\n')
+        outcomes = tried(args, folder)
+    print(table(outcomes, args.seed, time.monotonic() - start))
     return int(any(o.kind in FAILED for o in outcomes))
 
 

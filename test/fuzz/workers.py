@@ -1,38 +1,44 @@
 """Processes that read cases, one after another, and are replaced when they hang or die."""
 
 from collections.abc import Iterator
-import contextlib
 import multiprocessing
 from multiprocessing.connection import Connection, wait
 import os
 from pathlib import Path
 import resource
 import shutil
+import signal
 import sys
 import time
 import warnings
 
 from cases import Case, HANG_S, LIMIT_S, LOG_LINE, Outcome, run
-import psutil
 
 from lunar_rover_sim.cli.main import configure_logging
 
 MEMORY = 4 << 30       # address space of a worker, libraries included
 
 
-def work(pipe: Connection, samples: Path, folder: Path) -> None:
-    """Read the cases that come through the pipe; what the libraries print is kept."""
+def work(pipe: Connection, cases: list[Case], samples: Path, folder: Path) -> None:
+    """Read cases and send their outcomes; what the libraries print is kept.
+
+    The system ends the process where a case hangs: by SIGXCPU, or by SIGALRM where it waits.
+    """
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    _, most_s = resource.getrlimit(resource.RLIMIT_CPU)
     said = folder / 'said'
     with said.open('wb') as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
     configure_logging(verbose=False)
     warnings.filterwarnings('always', category=RuntimeWarning)
-    while (case := pipe.recv()) is not None:
+    for case in cases:
         os.ftruncate(1, 0)
         os.lseek(1, 0, os.SEEK_SET)
+        signal.alarm(round(HANG_S))
+        until_s = round(time.process_time() + 2.0 * LIMIT_S)
+        resource.setrlimit(resource.RLIMIT_CPU, (until_s, most_s))
         outcome = run(case, samples, folder / 'case')
         sys.stdout.flush()
         sys.stderr.flush()
@@ -40,91 +46,42 @@ def work(pipe: Connection, samples: Path, folder: Path) -> None:
                  if line and not LOG_LINE.match(line)]
         if lines and outcome.kind in ('refused', 'accepted'):
             outcome.kind, outcome.said = 'print', ' | '.join(lines)[:400]
-        _remove(folder / 'case')
+        shutil.rmtree(folder / 'case', ignore_errors=True)
         pipe.send(outcome)
 
 
-def _remove(folder: Path) -> None:
-    """Remove the files of a case."""
-    shutil.rmtree(folder, ignore_errors=True)
-
-
-class Worker:
-    """A process that reads cases; it is replaced when it hangs or dies."""
-
-    def __init__(self, samples: Path, folder: Path) -> None:
-        self._samples, self._folder = samples, folder
-        self.case: Case | None = None
-        self._start()
-
-    def _start(self) -> None:
-        _remove(self._folder)
-        self._folder.mkdir()
-        self.pipe, there = multiprocessing.Pipe()
-        self._process = multiprocessing.get_context('fork').Process(
-            target=work, args=(there, self._samples, self._folder), daemon=True)
-        self._process.start()
-        there.close()
-
-    def give(self, case: Case) -> None:
-        """Start a case."""
-        self._cpu_before_s = 0.0
-        self.case, self._since, self._cpu_before_s = case, time.monotonic(), self._cpu_s()
-        self.pipe.send(case)
-
-    def _cpu_s(self) -> float:
-        """Return the processor time that the case has taken so far."""
-        return sum(psutil.Process(self._process.pid).cpu_times()[:2]) - self._cpu_before_s
-
-    def take(self) -> Outcome | None:
-        """Return the outcome of the case, if it has ended or must be ended; None otherwise."""
-        case = self.case
-        assert case is not None
-        if self.pipe.poll():
-            with contextlib.suppress(EOFError):
-                self.case = None
-                return self.pipe.recv()
-            self._process.join()
-            outcome = Outcome(case.number, case.reader, 'died',
-                              f'exit code {self._process.exitcode}', repeat=case.repeat)
-        elif time.monotonic() - self._since > HANG_S or self._cpu_s() > 2.0 * LIMIT_S:
-            outcome = Outcome(case.number, case.reader, 'hang', repeat=case.repeat)
-        else:
-            return None
-        self.stop()
-        self._start()
-        return outcome
-
-    def stop(self) -> None:
-        """End the process."""
-        self.case = None
-        self._process.kill()
-        self._process.join()
-        self.pipe.close()
-
-
 def run_all(cases: list[Case], samples: Path, folder: Path, jobs: int) -> Iterator[Outcome]:
-    """Run the cases in workers; yield outcomes as they come."""
-    todo = iter(cases)
-    workers = [Worker(samples, folder / f'worker_{k}') for k in range(jobs)]
-    busy: list[Worker] = []
+    """Run the cases in `jobs` processes; yield outcomes as they come."""
+    fork = multiprocessing.get_context('fork')
+    running: dict[Connection, tuple[multiprocessing.Process, list[Case], Path]] = {}
+
+    def start(left: list[Case], where: Path) -> None:
+        shutil.rmtree(where, ignore_errors=True)
+        where.mkdir()
+        here, there = fork.Pipe(duplex=False)
+        process = fork.Process(target=work, args=(there, left, samples, where), daemon=True)
+        process.start()
+        there.close()
+        running[here] = process, left, where
+
     try:
-        for worker in workers:
-            if (case := next(todo, None)) is not None:
-                worker.give(case)
-                busy.append(worker)
-        while busy:
-            wait([worker.pipe for worker in busy], timeout=1.0)
-            for worker in list(busy):
-                outcome = worker.take()
-                if outcome is None:
-                    continue
-                yield outcome
-                case = next(todo, None)
-                if case is None:
-                    busy.remove(worker)
-                else:
-                    worker.give(case)
+        for k in range(jobs):
+            start(cases[k::jobs], folder / f'worker_{k}')
+        while running:
+            for pipe in wait(list(running)):
+                process, left, where = running[pipe]
+                try:
+                    yield pipe.recv()
+                    del left[0]
+                except EOFError:
+                    del running[pipe]
+                    process.join()
+                    if left:
+                        case, code = left[0], process.exitcode
+                        yield Outcome(case.number, case.reader, 'hang' if code in (
+                            -signal.SIGALRM, -signal.SIGXCPU) else 'died', f'exit code {code}',
+                            repeat=case.repeat)
+                        start(left[1:], where)
     finally:
-        for worker in workers:
-            worker.stop()
+        for process, *_ in running.values():
+            process.kill()
