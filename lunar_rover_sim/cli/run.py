@@ -15,6 +15,7 @@ from lunar_rover_sim.autonomy.path_following.config import SHAPES
 from lunar_rover_sim.base.compilation import WORDS
 from lunar_rover_sim.base.errors import ConfigError, nearest
 from lunar_rover_sim.base.files.paths import config_path
+from lunar_rover_sim.base.files.yaml_text import read_text
 from lunar_rover_sim.base.parameters import replaced
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
@@ -29,6 +30,7 @@ from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.run.shared_config import REAL_TIME
 
 _SHAPES = tuple(shape for shape in SHAPES if shape != 'none')
+_MOST_BYTES = 1 << 20       # of a file with places
 
 
 def _route(text: str) -> str | list[tuple[float, float]]:
@@ -40,7 +42,11 @@ def _route(text: str) -> str | list[tuple[float, float]]:
         raise ConfigError(f'--route: {text!r} is neither a shape nor a file; '
                           f'{nearest(text, _SHAPES)}')
     places = []
-    for number, line in enumerate(path.read_text(encoding='utf-8').splitlines(), 1):
+    try:
+        text = read_text(path, _MOST_BYTES)
+    except ConfigError as error:
+        raise ConfigError(f'--route: {error}') from None
+    for number, line in enumerate(text.splitlines(), 1):
         if line.strip() and not line.startswith('#'):
             try:
                 places.append(options.place(line))
@@ -109,7 +115,7 @@ def run(scenario: str, output: Path, duration: float | None, seed: int | None, r
         view: int | None, allow_origin: Sequence[str], teleop: bool,
         policy: str | None, max_bag_size: int | None, overrides: list[str]) -> int:
     """Simulate a scenario with all its nodes and record it to rosbag2."""
-    options.not_both(goal=goal, route=route)
+    options.not_both(goal=goal, route=route, teleop=teleop or None)
     require_ros()
     page = None if view is None else ViewProcess(view, allow_origin)
     if real_time or teleop:
@@ -140,10 +146,20 @@ def run(scenario: str, output: Path, duration: float | None, seed: int | None, r
     doubt_m = options.checked_doubt(orbital, near, doubt)
     if slam is not None:
         chosen = with_slam(chosen, slam, orbital, near, doubt_m)
+    for line in _of_absent_nodes(overrides, chosen.run.nodes, avoid):
+        say(line)
     if world is None:
         with Progress('building the world'):
             chosen.world_folder()
     return _recorded(chosen, output, page, world=world, domain=domain, join=join)
+
+
+def _of_absent_nodes(overrides: Sequence[str], nodes: Sequence[str], avoid: bool) -> list[str]:
+    """Return a line for each setting of a node that does not run; avoid: a route is made of it."""
+    names = [(word.partition('=')[0], word.partition('.')[0]) for word in overrides]
+    return [f'{name}: has no effect, {node} is not among the nodes of this run'
+            for name, node in names if node.endswith('_node') and node not in nodes
+            and not (avoid and node == 'drive_node')]
 
 
 def _recorded(chosen: Scenario, output: Path, page: ViewProcess | None, *,

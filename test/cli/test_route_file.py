@@ -5,7 +5,8 @@ import os
 import pytest
 
 from lunar_rover_sim.base.errors import ConfigError
-from lunar_rover_sim.cli.run import _Display, _route
+from lunar_rover_sim.cli.main import main
+from lunar_rover_sim.cli.run import _Display, _of_absent_nodes, _route
 from lunar_rover_sim.run import node_state
 from lunar_rover_sim.run.node_state import NodeState, ON_THE_WAY, READY, StateReader, tell
 
@@ -20,8 +21,28 @@ def test_a_route_is_a_shape_or_the_places_of_a_file(tmp_path):
         file.write_text(text)
         with pytest.raises(ConfigError, match=said):
             _route(str(file))
+    file.write_bytes(b'\xff\xfe1,2\n')
+    with pytest.raises(ConfigError, match='--route: .*way.csv: cannot be read: it is not UTF-8'):
+        _route(str(file))
     with pytest.raises(ConfigError, match='neither a shape nor a file; did you mean figure_eight'):
         _route('figure_eigth')
+
+
+def test_settings_of_nodes_that_do_not_run_are_named():
+    words = ['navigator_node.creep=true', 'drive_node.speed_mps=0.1', 'world.size_m=25.6']
+    nodes = ('physics_node', 'drive_node')
+    assert _of_absent_nodes(words, nodes, False) == [
+        'navigator_node.creep: has no effect, navigator_node is not among the nodes of this run']
+    # A route around obstacles is made of the parameters of drive_node, which does not run.
+    assert _of_absent_nodes(words, ('navigator_node',), True) == []
+
+
+@pytest.mark.parametrize('other', ['--goal=8,3', '--route=tour'])
+def test_two_who_drive_are_refused(tmp_path, capsys, other):
+    assert main(['run', 'baseline', '--teleop', other, '-o', str(tmp_path / 'run')]) == 2
+    told = capsys.readouterr().err
+    assert f'{other.partition("=")[0]}, --teleop: both are given; valid is one of them' in told
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_newest_way_is_kept_beside_the_states(monkeypatch):

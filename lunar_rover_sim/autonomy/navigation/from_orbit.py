@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from lunar_rover_sim.autonomy.navigation.config import GlobalPlanConfig
 from lunar_rover_sim.autonomy.navigation.global_plan import GroundCosts
+from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.orbital_making import orbital_map
 from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig, OrbitalMap
@@ -37,8 +38,17 @@ class CostsFromOrbit:
             maps: Folder of `world export --orbital`; '': they are made of the world.
             config: Side of a cell, and the steepest slope.
             sun_deg: Azimuth and elevation of the sun; None: it does not shine.
+
+        Raises:
+            WorldError: If `maps` cannot be read: that is said now, not on the way.
         """
-        self._world, self._maps, self._config, self._sun_deg = world, maps, config, sun_deg
+        self._world, self._config, self._sun_deg = world, config, sun_deg
+        self._given: OrbitalMap | None = None
+        if maps:
+            try:
+                self._given = OrbitalMap.load(pathlib.Path(maps))
+            except WorldError as error:
+                raise WorldError(f'maps: {error}') from None
         self._made: GroundCosts | None = None
         # Least and greatest x and y (2, 2) of places that have enough photo around them.
         self._covered: Array | None = None
@@ -54,8 +64,8 @@ class CostsFromOrbit:
         if self._world:
             world = load_world(self._world, verify=False)
             margin = Site.of(world).hole_margin_m
-        if self._maps:
-            maps = OrbitalMap.load(pathlib.Path(self._maps))
+        if self._given is not None:
+            maps = self._given
         elif self._sun_deg is None or self._sun_deg[1] < _LEAST_SUN_DEG:
             maps = orbital_map(world, OrbitalConfig(photo_pixel_m=0.0), coarse=True)
         else:

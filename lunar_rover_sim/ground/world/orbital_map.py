@@ -213,7 +213,8 @@ class OrbitalMap:
             if len(origin) != 2 or not all(map(math.isfinite, origin)):
                 raise ValueError(f'origin_m: {brief(about["origin_m"])} is not valid')
         except (KeyError, TypeError, ValueError, ConfigError) as reason:
-            raise WorldError(f'{path}: is no description of orbital maps: {reason}') from None
+            what = f'{reason} is missing' if isinstance(reason, KeyError) else reason
+            raise WorldError(f'{path}: is no description of orbital maps: {what}') from None
         heights, first = _read_tif(folder / HEIGHTS_FILE, config.pixel_m, 'float32', origin)
         if np.isinf(heights).any() or np.isnan(heights).all():
             raise WorldError(f'{folder / HEIGHTS_FILE}: its heights are infinite, or all missing; '

@@ -8,6 +8,7 @@ import pytest
 from lunar_rover_sim.autonomy.navigation import from_orbit
 from lunar_rover_sim.autonomy.navigation.config import GlobalPlanConfig
 from lunar_rover_sim.autonomy.navigation.from_orbit import CostsFromOrbit
+from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
@@ -65,3 +66,12 @@ def test_given_maps_are_read_once(world: str, made: list[OrbitalMap], tmp_path: 
     assert np.isfinite(again.cost).any()
     # Places of craters in the file are rounded.
     assert np.isclose(again.cost, direct.cost, rtol=1e-3).mean() > 0.999
+
+
+def test_maps_that_are_none_are_refused_at_once(tmp_path: Path) -> None:
+    for text, said in ((None, 'No such file'), ('{"format": 1}', "'errors' is missing"),
+                       ('{', 'is no JSON')):
+        if text is not None:
+            (tmp_path / 'orbital.json').write_text(text)
+        with pytest.raises(WorldError, match=f'^maps: .*orbital.json: .*{said}'):
+            CostsFromOrbit('', str(tmp_path), GlobalPlanConfig(), None)
