@@ -10,6 +10,11 @@ from lunar_rover_sim.autonomy.navigation.navigator import Failure, Navigator, St
 from lunar_rover_sim.autonomy.navigation.traversability import (LETHAL, Limits, traversability,
                                                                 UNKNOWN)
 from lunar_rover_sim.base.frames import matrix_from_wxyz, R_BODY_OPTICAL, se3, wxyz_from_rpy
+from lunar_rover_sim.image.camera.config import CameraConfig, SensorConfig
+from lunar_rover_sim.image.camera.rig import StereoRig
+from lunar_rover_sim.image.camera.sensor import ImageSensor, SensorModel
+from lunar_rover_sim.image.stereo.config import SgmConfig
+from lunar_rover_sim.image.stereo.sgm import SgmMatcher
 from lunar_rover_sim.rover.description import load_rover
 
 W, H, F = 96, 72, 69.0
@@ -98,6 +103,23 @@ def test_a_covered_lens_stops_it_at_once_and_for_good():
     assert np.linalg.norm(path[-1] - path[79]) < 0.12 * (1.5 + 0.4)
     turn_s = 2.0 * np.pi / 0.15
     assert len(path) * TICK_S < 8.0 + 1.5 + 10.0 + 1.5 * turn_s + 2.5
+
+
+@pytest.mark.parametrize('exposure_s', [1e-6, 0.5])
+def test_the_noise_of_covered_lenses_is_no_depth(exposure_s):
+    """No light, but read noise, dark current and patterns: pairs do not renew a map."""
+    camera = CameraConfig(width=320, height=240)
+    rig = StereoRig(load_rover(None), camera)
+    chip = ImageSensor(rig, SensorModel(camera, SensorConfig()), 3)
+    matcher, seen = SgmMatcher(SgmConfig(), rig), ElevationMap(MapConfig().by_pose('truth'))
+    R = matrix_from_wxyz(wxyz_from_rpy(0.0, PITCH_RAD, 0.0)) @ R_BODY_OPTICAL
+    for k in range(4):
+        left, right = (chip.pixels(np.zeros((240, 320), np.float32), side, exposure_s, k)
+                       for side in (0, 1))
+        assert left.std() > 0.0 and (left != right).any()
+        seen.add_depth(k * 10**8, matcher.match(left, right).depth_m, rig.K, rig.baseline_m,
+                       se3(R, (AHEAD_M, 0.0, EYE_M)), (0.0, 0.0, 0.1))
+    assert not seen.has_seen
 
 
 def test_at_night_it_does_not_set_out():
