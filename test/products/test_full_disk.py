@@ -15,6 +15,7 @@ import worlds
 
 from lunar_rover_sim.base.errors import LunarRoverSimError
 from lunar_rover_sim.base.files.film_file import write_film
+from lunar_rover_sim.ground.world.orbital_map import MappedCraters, OrbitalConfig, OrbitalMap
 from lunar_rover_sim.ground.world.world_folder import save_world
 from lunar_rover_sim.products.sequences.export import export, FORMATS
 from lunar_rover_sim.rover.description import RoverDescription
@@ -39,6 +40,14 @@ def noise_film(path: Path) -> None:
     write_film(path, (rng.integers(0, 255, (64, 64, 3), np.uint8) for _ in range(4)), 10.0)
 
 
+def maps(path: Path) -> None:
+    """Write maps from orbit of some pixels."""
+    craters = MappedCraters(np.zeros((0, 2)), np.zeros(0))
+    heights = np.random.default_rng(1).normal(size=(40, 40)).astype(np.float32)
+    OrbitalMap(heights, (-39.0, -39.0), craters, np.zeros((0, 0), np.uint8), (0.0, 0.0),
+               OrbitalConfig(photo_pixel_m=0.0), {}, 'ground', '', (0.0, 0.0)).save(path)
+
+
 def stage(path: Path) -> None:
     """Write a rover."""
     pytest.importorskip('pxr')
@@ -47,11 +56,11 @@ def stage(path: Path) -> None:
 
 
 @pytest.mark.parametrize('name', ['film.mp4', 'film.gif', 'film.webp', 'rover.usda', 'rover.usdz',
-                                  'world'])
+                                  'world', 'maps'])
 def test_the_last_bytes_have_no_room(tmp_path: Path, name: str) -> None:
     """At all but the last ten bytes of the largest file, and at a third of it."""
     write: Callable[[Path], object] = {
-        'film': noise_film, 'rover': stage,
+        'film': noise_film, 'rover': stage, 'maps': maps,
         'world': lambda path: save_world(worlds.small(), path)}[name.partition('.')[0]]
     whole = tmp_path / 'whole'
     whole.mkdir()

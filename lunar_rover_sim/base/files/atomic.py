@@ -61,7 +61,8 @@ def partial_folder(path: Path, error: type[LunarRoverSimError]) -> Iterator[Path
     """Make a temporary folder beside `path`, for what is renamed to `path` once it is complete.
 
     Folders above it are made. At the end it is removed, with what is left in it.
-    Raises `error` in place of each OSError meanwhile, with `path` in its message.
+    Raises `error` in place of each OSError meanwhile, with `path` in its message, and names `path`
+    where an `error` that comes from within names the temporary folder.
     """
     folder = _partial(path)
     try:
@@ -69,6 +70,10 @@ def partial_folder(path: Path, error: type[LunarRoverSimError]) -> Iterator[Path
         yield folder
     except OSError as reason:
         raise error(_in_words(path, reason)) from None
+    except error as reason:
+        if str(folder) not in str(reason):
+            raise
+        raise error(str(reason).replace(str(folder), str(path))) from None
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
