@@ -80,6 +80,20 @@ def test_a_map_that_was_begun_anew_begins_it_anew():
     assert overview.detour_m([(0.0, 0.0)], (4.0, 0.0)) == pytest.approx([0.0], abs=1e-9)
 
 
+@pytest.mark.parametrize('goal_m', [(2.5, 0.5), (5.0, 0.5)])
+def test_a_goal_behind_a_wall_across_the_map_is_approached_at_its_edge(goal_m):
+    """The way around the wall, if there is one, lies beyond the map, and so may the goal."""
+    cost = np.zeros((N, N), np.int8)
+    cost[:, round(4.2 / CELL):round(4.6 / CELL)] = 100       # x from 1.0 to 1.4 m
+    grid, overview = Traversability(1, np.array([-3.2, -3.2]), CELL, cost), Overview(CELL, 4.0)
+    planner = Planner(grid, PlanConfig(), 0.1, (-1.0, 0.0), overview=overview)
+    overview.add(grid.origin_m, planner.blocked, planner.unknown, planner.room_m)
+    plan = planner.plan(goal_m)
+    assert plan is not None and not plan.reaches_goal and plan.off_goal_m == 0.0
+    # At the end of the wall that is nearer to the goal, on this side of it.
+    assert plan.points_m[-1, 1] > 3.1 and -1.0 < plan.points_m[-1, 0] < 1.0
+
+
 def test_an_obstacle_is_dear_but_not_the_end():
     """Wrong matches may enclose a goal: the rover goes and looks."""
     overview = seen(Overview(CELL, 1.0), 0.0, 0.0, (1.0, 3.0, 1.0, 1.4), (1.0, 3.0, -1.4, -1.0),
