@@ -82,7 +82,8 @@ def _ground_at(s, place, t, count, ground, side, first):  # type: ignore[no-unty
     low = np.uint64(0xffffffff)
     _find(s, place, count, side, first)
     for j in range(count):
-        k, east, north = place[_INDEX + j], place[_EAST + j], place[_NORTH + j]
+        k, east = np.uint32(place[_INDEX + j]), np.uint32(place[_EAST + j])
+        north = np.uint32(place[_NORTH + j])
         a, b, d, e = ground[k], ground[k + east], ground[k + north], ground[k + north + east]
         t[j], t[_PAGE + j] = np.uint32(a & low), np.uint32(b & low)
         t[2 * _PAGE + j], t[3 * _PAGE + j] = np.uint32(d & low), np.uint32(e & low)
@@ -92,13 +93,12 @@ def _ground_at(s, place, t, count, ground, side, first):  # type: ignore[no-unty
         t[7 * _PAGE + j] = np.uint32(e >> np.uint64(32))
     for channel in range(4):
         corner, out = 4 * _PAGE * (channel // 2), _RAW + channel * _PAGE
-        if channel % 2:
-            for j in range(corner, corner + 4 * _PAGE):
-                t[j] = t[j] >> np.uint32(16)
+        down = np.uint32(16 * (channel % 2))
         for j in range(count):
             f, g = s[_U + j], s[_V + j]
-            a, b = of_half(t[corner + j]), of_half(t[corner + _PAGE + j])
-            d, e = of_half(t[corner + 2 * _PAGE + j]), of_half(t[corner + 3 * _PAGE + j])
+            a, b = of_half(t[corner + j] >> down), of_half(t[corner + _PAGE + j] >> down)
+            d, e = (of_half(t[corner + 2 * _PAGE + j] >> down),
+                    of_half(t[corner + 3 * _PAGE + j] >> down))
             a += f * (b - a)
             d += f * (e - d)
             s[out + j] = a + g * (d - a)
@@ -131,7 +131,7 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
         level: log2 of the footprint along the view [m].
     """
     s, place = np.empty(_FLOATS, np.float32), np.empty(3 * _PAGE, np.int32)
-    t, which = np.empty(8 * _PAGE, np.uint32), np.empty(_N, np.int64)
+    t, which = np.empty(8 * _PAGE, np.uint32), np.empty(_N, np.uint32)
     pixel, radius, middle_x, middle_y, reach, fine, last = (
         constants[0], constants[1], constants[2], constants[3], constants[4], constants[5],
         constants[6])
@@ -214,20 +214,17 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
             s[_WHOLE + j] = s[_MATTER + j]
         _find(s, place, _N, side, first)
         for j in range(_N):
-            k, east, north = place[_INDEX + j], place[_EAST + j], place[_NORTH + j]
+            k, east = np.uint32(place[_INDEX + j]), np.uint32(place[_EAST + j])
+            north = np.uint32(place[_NORTH + j])
             t[j], t[_PAGE + j] = matter[k], matter[k + east]
             t[2 * _PAGE + j], t[3 * _PAGE + j] = matter[k + north], matter[k + north + east]
         # Albedo / 2, below, around, last: the pages of scale, offset, log and reach are free now.
         for channel in range(4):
-            out = _SCALE + channel * _PAGE
-            for j in range(4 * _PAGE if channel else 0):
-                t[j] = t[j] >> np.uint32(8)
+            out, down = _SCALE + channel * _PAGE, np.uint32(8 * channel)
             for j in range(_N):
                 f, g = s[_U + j], s[_V + j]
-                a = byte(t[j])
-                b = byte(t[_PAGE + j])
-                d = byte(t[2 * _PAGE + j])
-                e = byte(t[3 * _PAGE + j])
+                a, b = byte(t[j] >> down), byte(t[_PAGE + j] >> down)
+                d, e = byte(t[2 * _PAGE + j] >> down), byte(t[3 * _PAGE + j] >> down)
                 a += f * (b - a)
                 d += f * (e - d)
                 s[out + j] = _BYTE * (a + g * (d - a))

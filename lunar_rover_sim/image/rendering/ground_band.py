@@ -32,7 +32,7 @@ from lunar_rover_sim.image.rendering.truth_rows import light_of, shape_of
 
 F32 = NDArray[np.float32]
 
-_PIXELS = 32768         # of a band, about: the arrays of a loop stay in the cache of a core
+_PIXELS = 4096          # of a band, about: all of its arrays stay in the cache of a core
 _NUMBERS = (
     'depth x y z vx vy vz slope_x slope_y lit albedo below around detail level slope_ax slope_ay '
     'slope_bx slope_by horizon_a horizon_b factor of_rover cos_i cos_e cos_g theta more_c sunlit '
@@ -55,6 +55,29 @@ class GroundSource:
     tracks: TrackArrays | None
     shadow: CastShadow
     lamp: LampLight | None = None
+
+
+class SeenSource:
+    """A source of light, as loops over one image of the ground take it.
+
+    Attributes:
+        source: The source.
+        centre, grid, factor: Of `shade_rows.shade`, constants of `grid_rows.light_of_grid`, sun of
+            `relief_brightness.relief_factor`.
+        towards, shadow: As `LightConstants.towards` and `CastShadow.seen_from`.
+        lamp: As `LampLight.numbers`, None without one.
+    """
+
+    def __init__(self, source: GroundSource, view: ViewNumbers, relief: ReliefShape) -> None:
+        constants, texels, lamp = source.constants, source.texels, source.lamp
+        sun = constants.sun
+        self.source, self.towards = source, constants.towards
+        self.centre = np.array([*view.middle, relief.reach_m], np.float32)
+        self.grid = np.array([view.pixel, sun[6], *self.centre, texels.fine_log2, texels.last,
+                              *sun[:2]], np.float32)
+        self.factor = np.array([*sun[:6], texels.sun_tangent], np.float32)
+        self.shadow = source.shadow.seen_from(view.camera)
+        self.lamp = None if lamp is None else lamp.numbers(view.camera)
 
 
 @dataclasses.dataclass
@@ -103,7 +126,7 @@ class Band:
         return self._lists[names]
 
     def draw(self, image: GroundImage, row: int, view: ViewNumbers, relief: ReliefShape,
-             tracks: F32, sources: list[GroundSource], lists: CraterLists | None) -> None:
+             tracks: F32, sources: list[SeenSource], lists: CraterLists | None) -> None:
         """Fill in the rows of a band from its first one.
 
         Args:
@@ -111,16 +134,14 @@ class Band:
             sources: Those that light these rows.
             lists: Of craters, where they are asked for.
         """
-        centre = np.array([*view.middle, relief.reach_m], np.float32)
-        wants_truth = image.label is not None
         place(view.numbers, image.depth_m, row, self.rows, *self._get('depth x y z vx vy vz'))
-        if any(source.tracks is not None for source in sources) and not self._meets(tracks):
-            sources = [dataclasses.replace(source, tracks=None) for source in sources]
-        for number, source in enumerate(sources):
+        tracked = any(seen.source.tracks is not None for seen in sources) and self._meets(tracks)
+        for number, seen in enumerate(sources):
+            present = seen.source.tracks if tracked else None
             if image.radiance is not None:
-                self._light(image, row, view, source, relief, centre, add=number > 0)
-            if number == 0 and wants_truth:
-                self._tell(image, row, source, relief, centre, lists)
+                self._light(image, row, view, seen, present, relief, add=number > 0)
+            if number == 0 and image.label is not None:
+                self._tell(image, row, seen, present, relief, lists)
 
     def _meets(self, box: F32) -> bool:
         """Return whether any place of the band may lie in a box of x and y."""
@@ -130,36 +151,32 @@ class Band:
         return bool(x.max() >= box[0] and x.min() <= box[1]
                     and y.max() >= box[2] and y.min() <= box[3])
 
-    def _light(self, image: GroundImage, row: int, view: ViewNumbers, source: GroundSource,
-               relief: ReliefShape, centre: F32, *, add: bool) -> None:
-        """Light a band; add: to what is there."""
-        get, own, texels, constants = self._get, self._of, source.texels, source.constants
+    def _light(self, image: GroundImage, row: int, view: ViewNumbers, seen: SeenSource,
+               tracks: TrackArrays | None, relief: ReliefShape, *, add: bool) -> None:
+        """Light a band; tracks: where it may have some; add: to what is there."""
+        get, own, source = self._get, self._of, seen.source
+        texels, constants = source.texels, source.constants
         light_of_grid(
             *get('depth x y vx vy vz'), texels.levels, texels.ground.words, texels.matter.words,
-            texels.ground.side, texels.ground.first,
-            np.array([view.pixel, constants.sun[6], *centre, texels.fine_log2, texels.last,
-                      *constants.sun[:2]], np.float32), constants.smooth,
+            texels.ground.side, texels.ground.first, seen.grid, constants.smooth,
             *get('slope_x slope_y lit albedo below around detail level'))
         relief_of(*get('depth x y detail'), texels.tile, texels.zone, texels.horizon,
                   *texels.coarse, *texels.fine,
                   *get('slope_ax slope_ay slope_bx slope_by horizon_a horizon_b'))
-        tracks = source.tracks
         if tracks is not None:
             self._look_up(tracks, any_level=True)
             add_prints(*get('depth print_x print_y print_horizon print_seen print_coarse'),
                        constants.sun, *get('slope_x slope_y beside'))
-        shadow = source.shadow.seen_from(view.camera)
-        if may_shade(*get('depth x y z'), constants.towards, shadow, source.shadow.bounds):
-            rover_shadow(*get('depth x y z'), view.numbers, constants.towards,
-                         source.shadow.silhouette(), shadow, own['of_rover'])
+        if may_shade(*get('depth x y z'), seen.towards, seen.shadow, source.shadow.bounds):
+            rover_shadow(*get('depth x y z'), view.numbers, seen.towards,
+                         source.shadow.silhouette(), seen.shadow, own['of_rover'])
         else:
             own['of_rover'][:] = 1.0
-        relief_factor(*get('depth slope_x slope_y vx vy vz detail'),
-                      np.array([*constants.sun[:6], texels.sun_tangent], np.float32),
-                      texels.factor, own['factor'])
+        relief_factor(*get('depth slope_x slope_y vx vy vz detail'), seen.factor, texels.factor,
+                      own['factor'])
         shade(*get('depth x y vx vy vz slope_x slope_y lit albedo detail slope_ax slope_ay '
                    'slope_bx slope_by horizon_a horizon_b factor of_rover '
-                   'beside pressed loose'), constants.sun, centre, texels.scales,
+                   'beside pressed loose'), constants.sun, seen.centre, texels.scales,
               texels.least_scales, constants.trodden, tracks is not None,
               *get('cos_i cos_e cos_g theta more_c sunlit normal_x normal_y normal_z kept'))
         fill_reflectance(*get('cos_i cos_e cos_g theta albedo more_c'), constants.law,
@@ -169,8 +186,8 @@ class Band:
         if source.lamp is not None:
             lamp = source.lamp
             lamp_on(*get('depth x y z vx vy vz slope_x slope_y normal_x normal_y normal_z kept'),
-                    lamp.numbers(view.camera), lamp.clip, lamp.shadow, relief.shape,
-                    relief.numbers, centre, *get('lamp lamp_i lamp_g'))
+                    seen.lamp, lamp.clip, lamp.shadow, relief.shape, relief.numbers, seen.centre,
+                    *get('lamp lamp_i lamp_g'))
             fill_reflectance(*get('lamp_i cos_e lamp_g theta albedo more_c'), constants.law,
                              own['reflectance'])
             add_lamp(*get('reflectance lamp of_lamp whole'))
@@ -188,23 +205,22 @@ class Band:
                   *self._get('print_x print_y print_horizon print_seen print_coarse pressed '
                              'loose'))
 
-    def _tell(self, image: GroundImage, row: int, source: GroundSource, relief: ReliefShape,
-              centre: F32, lists: CraterLists | None) -> None:
+    def _tell(self, image: GroundImage, row: int, seen: SeenSource, tracks: TrackArrays | None,
+              relief: ReliefShape, lists: CraterLists | None) -> None:
         """Fill in what is true of a band; `_light` has been called where its light is told."""
-        get, own, words = self._get, self._of, self._words
+        get, own, words, source = self._get, self._of, self._words, seen.source
         if image.shadow is not None:
             light_of(*get('depth sunlit of_rover normal_x normal_y normal_z'),
                      source.constants.sun, bool(source.constants.irradiance > 0.0), *self._bytes)
             for k in range(3):
                 spread(self.rows, row, self._bytes[k], image.shadow[..., k], False)
-        tracks = source.tracks
         if tracks is not None:
             self._look_up(tracks, any_level=False)
         texels = source.texels
         none = np.zeros((0, 0, 0, 2), np.float32), np.zeros((0, 4), np.float32)
         shape_of(*get('depth x y'), texels.levels, texels.ground.words,
                  int(texels.ground.side[0]), tracks is not None,
-                 *get('print_x print_y pressed loose'), relief.shape, relief.numbers, centre,
+                 *get('print_x print_y pressed loose'), relief.shape, relief.numbers, seen.centre,
                  *(none if lists is None else lists.of_shape), words[0], words[1],
                  *get('normal_x normal_y normal_z'))
         told: list[tuple[NDArray[Any], NDArray[Any] | None]] = [(words[0], image.label),

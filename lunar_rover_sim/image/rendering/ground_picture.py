@@ -18,7 +18,7 @@ from lunar_rover_sim.base.workers import Workers
 from lunar_rover_sim.image.camera.development import LitImage
 from lunar_rover_sim.image.rendering.canvas import Drawing
 from lunar_rover_sim.image.rendering.crater_map import CraterLists
-from lunar_rover_sim.image.rendering.ground_band import Band, GroundImage, GroundSource
+from lunar_rover_sim.image.rendering.ground_band import Band, GroundImage, GroundSource, SeenSource
 from lunar_rover_sim.image.rendering.relief_map import ReliefShape
 
 _ZERO, _ONE, _FAR = (np.float32(x) for x in (0.0, 1.0, 1e9))
@@ -56,9 +56,10 @@ class Part:
     sources: list[GroundSource]
     lists: CraterLists | None
     image: GroundImage = dataclasses.field(init=False)
+    seen: list[SeenSource] = dataclasses.field(init=False)
 
     def allocate(self) -> None:
-        """Make room for what is wanted."""
+        """Make room for what is wanted, and note what loops take of the sources."""
         projection = self.drawing.projection
         size = projection.height, projection.width
         image = GroundImage(self.depth_m)
@@ -72,7 +73,8 @@ class Part:
             image.normal = np.zeros((*size, 3), np.float32)
         if 'shadow' in self.truth:
             image.shadow = np.zeros((*size, 3), np.uint8)
-        self.image = image
+        self.image, view = image, self.drawing.targets.views[self.side].numbers
+        self.seen = [SeenSource(source, view, self.relief) for source in self.sources]
 
     def first_rows(self) -> range:
         """Return the first rows of all bands that show ground."""
@@ -85,7 +87,7 @@ class Part:
     def draw(self, band: Band, row: int) -> None:
         """Fill in a band."""
         band.draw(self.image, row, self.drawing.targets.views[self.side].numbers,
-                  self.relief, self.tracks, self.sources, self.lists)
+                  self.relief, self.tracks, self.seen, self.lists)
 
 
 class GroundPicture:

@@ -79,7 +79,7 @@ def find(first, last, depth, surface, view, of_rover, places,  # type: ignore[no
             k += 1
 
 
-@inlined
+@compiled   # inlined, it would count references to its arrays for each pixel
 def _texel(words, start, n, u, v):  # type: ignore[no-untyped-def]
     """Return two channels of a mip level between its texels, which wrap around; u, v: places."""
     u = (u - np.floor(u)) * np.float32(n) - _HALF
@@ -97,7 +97,7 @@ def _texel(words, start, n, u, v):  # type: ignore[no-untyped-def]
     return x, _BYTE * (low + v * (high - low))
 
 
-@inlined
+@compiled
 def _tile(words, side, first, u, v, level):  # type: ignore[no-untyped-def]
     """Return two channels of a tile at a place over its period, between two mip levels."""
     level = min(max(level, _ZERO), np.float32(len(side) - 1))

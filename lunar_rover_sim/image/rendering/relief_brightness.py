@@ -283,6 +283,7 @@ def relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,  # type: ignore[n
     flat = nodes.ravel()
     m, a, e = (np.float32(levels - 1), np.float32(cosines - 1), np.float32(azimuths - 1))
     row, layer = np.int32(azimuths), np.int32(azimuths * cosines)
+    one, north, deeper = np.uint32(1), np.uint32(azimuths), np.uint32(azimuths * cosines)
     u, v, w, high, out = 0, _PAGE, 2 * _PAGE, 3 * _PAGE, 4 * _PAGE
     cos, sun_cos, phase = 5 * _PAGE, 6 * _PAGE, 7 * _PAGE
     for c in range(len(depth) // _N):
@@ -316,12 +317,12 @@ def relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,  # type: ignore[n
             s[u + j], s[v + j], s[w + j] = at - i0, up - j0, deep - k0
             place[j] = (np.int32(k0) * layer + np.int32(j0) * row) + np.int32(i0)
         for j in range(_N):
-            k = place[j]
-            t[j], t[_PAGE + j] = flat[k], flat[k + 1]
-            t[2 * _PAGE + j], t[3 * _PAGE + j] = flat[k + row], flat[k + row + 1]
-            k += layer
-            t[4 * _PAGE + j], t[5 * _PAGE + j] = flat[k], flat[k + 1]
-            t[6 * _PAGE + j], t[7 * _PAGE + j] = flat[k + row], flat[k + row + 1]
+            k = np.uint32(place[j])
+            t[j], t[_PAGE + j] = flat[k], flat[k + one]
+            t[2 * _PAGE + j], t[3 * _PAGE + j] = flat[k + north], flat[k + north + one]
+            k = np.uint32(k + deeper)
+            t[4 * _PAGE + j], t[5 * _PAGE + j] = flat[k], flat[k + one]
+            t[6 * _PAGE + j], t[7 * _PAGE + j] = flat[k + north], flat[k + north + one]
         # The four lie 1/4, 1/2, 1 and 4 times as high as over level ground.
         for j in range(_N):
             height = log2(max(s[high + j] / level_ground, _LEAST))
@@ -329,22 +330,20 @@ def relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,  # type: ignore[n
             s[high + j] = min(max(height, -_TWO), _ONE)
             s[out + j] = _ZERO
         for channel in range(4):
-            node = np.float32(channel - 2)
+            node, down = np.float32(channel - 2), np.uint32(8 * channel)
             for j in range(_N):
                 f, g, d = s[u + j], s[v + j], s[w + j]
-                p = byte(t[j])
-                p += f * (byte(t[_PAGE + j]) - p)
-                q = byte(t[2 * _PAGE + j])
-                q += f * (byte(t[3 * _PAGE + j]) - q)
+                p = byte(t[j] >> down)
+                p += f * (byte(t[_PAGE + j] >> down) - p)
+                q = byte(t[2 * _PAGE + j] >> down)
+                q += f * (byte(t[3 * _PAGE + j] >> down) - q)
                 p += g * (q - p)
-                q = byte(t[4 * _PAGE + j])
-                q += f * (byte(t[5 * _PAGE + j]) - q)
-                z = byte(t[6 * _PAGE + j])
-                z += f * (byte(t[7 * _PAGE + j]) - z)
+                q = byte(t[4 * _PAGE + j] >> down)
+                q += f * (byte(t[5 * _PAGE + j] >> down) - q)
+                z = byte(t[6 * _PAGE + j] >> down)
+                z += f * (byte(t[7 * _PAGE + j] >> down) - z)
                 q += g * (z - q)
                 p += d * (q - p)
                 s[out + j] += max(_ONE - abs(s[high + j] - node), _ZERO) * p * p
-            for j in range(len(t)):
-                t[j] = t[j] >> np.uint32(8)
         for j in range(_N):
             result[i + j] = _ONE / max(_BYTE2 * s[out + j], _BRIGHTEST)
