@@ -53,10 +53,10 @@ class Way:
     T_base_left: Array
 
 
-def orbital(seed: int, pixel_m: float) -> OrbitalMap:
+def orbital(seed: int, **otherwise: float) -> OrbitalMap:
     """Return the maps around the origin of a site from orbit, with errors of its own."""
     return orbital_map(Site(Scenario.load('site').world.with_seed(seed)), OrbitalConfig(
-        extent_m=2.0 * HALF_M, pixel_m=pixel_m, error_seed=seed))
+        extent_m=2.0 * HALF_M, error_seed=seed, **otherwise))
 
 
 def way(seed: int, length_m: float, folder: Path) -> Way:
