@@ -214,10 +214,10 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
             s[_WHOLE + j] = s[_MATTER + j]
         _find(s, place, _N, side, first)
         for j in range(_N):
-            k, east = np.uint32(place[_INDEX + j]), np.uint32(place[_EAST + j])
+            here, east = np.uint32(place[_INDEX + j]), np.uint32(place[_EAST + j])
             north = np.uint32(place[_NORTH + j])
-            t[j], t[_PAGE + j] = matter[k], matter[k + east]
-            t[2 * _PAGE + j], t[3 * _PAGE + j] = matter[k + north], matter[k + north + east]
+            t[j], t[_PAGE + j] = matter[here], matter[here + east]
+            t[2 * _PAGE + j], t[3 * _PAGE + j] = matter[here + north], matter[here + north + east]
         # Albedo / 2, below, around, last: the pages of scale, offset, log and reach are free now.
         for channel in range(4):
             out, down = _SCALE + channel * _PAGE, np.uint32(8 * channel)
