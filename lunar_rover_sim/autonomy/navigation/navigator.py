@@ -778,6 +778,9 @@ class Navigator:
         if found is None:
             return self._look_around(position, heading)
         self._around = 0
+        if not np.ptp(found.points_m, axis=0).any():    # it stands there already
+            return (self._end_beside(planner, found, position) if found.off_goal_m
+                    else self._look_around(position, heading))
         if self.plan is None or found.cost < config.better * old or not math.isfinite(old) \
                 or self._is_at_end(self.plan, position):
             self.plan = found

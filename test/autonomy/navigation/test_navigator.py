@@ -5,6 +5,7 @@ import pytest
 
 from lunar_rover_sim.autonomy.navigation.config import NavigatorConfig
 from lunar_rover_sim.autonomy.navigation.navigator import Failure, Navigator, Status
+from lunar_rover_sim.autonomy.navigation.planner import Planner
 from lunar_rover_sim.autonomy.navigation.traversability import Traversability
 from lunar_rover_sim.base.errors import NavigationError
 from lunar_rover_sim.base.frames import wxyz_from_rpy
@@ -146,6 +147,19 @@ def test_a_goal_that_is_enclosed_is_given_up_after_a_look_around():
     assert rover.commands[-1].failure is Failure.BLOCKED
     assert turned > 4.5
     assert np.hypot(rover.x + 2.0, rover.y) < 1e-9
+
+
+@pytest.mark.parametrize('off_m', [0.0, 0.012])
+def test_it_may_stand_already_at_the_place_nearest_to_a_goal_inside_a_rock(off_m):
+    """The way there has no length: a drive of 500 m ended with an error half a metre off."""
+    rock = ground((1.8, 2.2, -0.2, 0.2))
+    there = Planner(Traversability(0, np.array([-4.0, -4.0]), CELL, rock), NavigatorConfig().plan,
+                    RADIUS_M, (-2.0, 0.0)).plan((2.0, 0.0)).points_m[-1]
+    rover = made(rock, x=there[0] + off_m)
+    rover.y = there[1]
+    command = rover.drive()
+    assert command.failure is Failure.BLOCKED and 'on an obstacle' in command.reason
+    assert np.hypot(rover.x - there[0], rover.y - there[1]) < 0.1
 
 
 def test_a_goal_inside_a_rock_is_blocked_at_the_nearest_place():
