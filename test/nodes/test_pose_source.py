@@ -30,7 +30,7 @@ class Topics:
     def __init__(self):
         self.callbacks = {}
 
-    def create_subscription(self, _kind, name, callback, _qos, raw=False):
+    def create_subscription(self, _kind, name, callback, _qos, raw=False, light=False):
         self.callbacks[name] = callback
 
     def get_logger(self):
