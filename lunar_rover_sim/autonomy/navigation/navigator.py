@@ -609,16 +609,14 @@ class Navigator:
         It has been there: that ground carries it, whatever the map says. Of the places far enough
         off it is the last one with room around it, else the last one.
         """
-        places = [np.array([disc.x_m, disc.y_m]) for disc in self._trail]
-        far = [k for k, place in enumerate(places)
-               if math.dist(place, position[:2]) >= self._config.back_off_m]
-        if not far:
+        places = np.array([(disc.x_m, disc.y_m) for disc in self._trail]).reshape(-1, 2)
+        far = np.linalg.norm(places - position[:2], axis=1) >= self._config.back_off_m
+        if not far.any():
             return None
-        roomy = [k for k in far
-                 if self._planner is not None and self._planner.has_room(places[k])]
-        last = max(roomy or far)
+        roomy = far & (self._planner is not None and self._planner.has_room(places))
+        last = int(np.flatnonzero(roomy if roomy.any() else far)[-1])
         del self._trail[last + 1:]
-        return places[last]
+        return np.asarray(places[last])
 
     def _go_back(self, position: Array) -> NavigatorCommand:
         assert self._back is not None

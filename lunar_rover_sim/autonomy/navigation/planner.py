@@ -210,9 +210,9 @@ class Planner:
             return 0.0      # a slope on which it stands goes on there
         return float(min(steps[last], wanted_m))
 
-    def has_room(self, position_m: ArrayLike) -> bool:
-        """Return whether nothing that is closed is too near to a place (2,)."""
-        return bool(self._at(self._apart, np.asarray(position_m, float), 0.0) >= self.room_m)
+    def has_room(self, points_m: Array) -> NDArray[np.bool_]:
+        """Return for places (n, 2) on the map whether nothing that is closed is too near (n,)."""
+        return np.asarray(self._at(self._apart, points_m, 0.0) >= self.room_m)
 
     def dark_along_m(self, points_m: Array, from_m: float, to_m: float) -> tuple[float, Array]:
         """Return how much of a part of a way is dark [m], and where that begins (2,) [m]."""

@@ -268,8 +268,8 @@ def test_it_does_not_back_off_down_a_slope_on_which_it_has_turned():
         rover.step()
     rover.held = False
     for _ in range(400):
-        rover.pitch = -np.radians(max(0.0, 30.0 + 40.0 * (rover.x - edge)))
-        rover.pitch = rover.pitch if rover.x > edge else 0.0
+        into_m = rover.x - edge
+        rover.pitch = -np.radians(30.0 + 40.0 * into_m) if into_m > 0.0 else 0.0
         rover.step()
         deepest = max(deepest, rover.x)
     assert rover.navigator.backed_off
