@@ -6,8 +6,8 @@
 
 Prints a table; asserts nothing. With --against, it prints what the passes of a pair of a scenario
 take on a walk, the driver waiting for each, and the ratio to another checkout: both draw the same
-states, frame by frame in turn. CPU time counts all threads: on a machine that is busy with other
-things it tells more than the wall clock.
+states, as high above their own ground, frame by frame in turn. CPU time counts all threads: on a
+machine that is busy with other things it tells more than the wall clock.
 """
 
 from __future__ import annotations
@@ -132,25 +132,6 @@ def timed(renderer, spent):
         yield
 
 
-def serve(scenario, settings):
-    """Draw the states that numbers in lines of stdin name; print ms of CPU for each."""
-    states = np.load(sys.stdin.readline().strip())
-    loaded = Scenario.load(scenario, settings)
-    # Scenarios of versions before 1.0 make no renderer.
-    with (loaded.renderer() if hasattr(loaded, 'renderer')
-          else Renderer.from_scenario(loaded)) as renderer:
-        def draw(k):
-            state = RoverPose(*(states[field.name][k] for field in dataclasses.fields(RoverPose)))
-            renderer.render(state, k)
-        for k in range(4):      # programs are compiled
-            draw(k)
-        print('ready', flush=True)
-        for line in sys.stdin:
-            start = time.process_time()
-            draw(int(line))
-            print(1e3 * (time.process_time() - start), flush=True)
-
-
 def compare(scenario, settings, clones, rounds):
     """Print what passes take in this checkout, and a pair's CPU over that of another one."""
     loaded = Scenario.load(scenario, settings)
@@ -170,14 +151,15 @@ def compare(scenario, settings, clones, rounds):
         print(f'{name:28s} {1e3 * seconds / len(states):6.1f} ms CPU')
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, 'states.npz')
-        np.savez(path, **{field.name: [getattr(state, field.name) for state in states]
-                          for field in dataclasses.fields(RoverPose)})
+        place = np.array([state.T_world_base[:3, 3] for state in states])
+        np.savez(path, clearance_m=place[:, 2] - loaded.load_world().height_at(place[:, :2]),
+                 **{field.name: [getattr(state, field.name) for state in states]
+                    for field in dataclasses.fields(RoverPose)})
         workers = []
         for clone in clones:
             workers.append(subprocess.Popen(
-                [sys.executable, __file__, '--serve', '--scenario', scenario,
-                 *(word for setting in settings for word in ('--set', setting))], text=True,
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                [sys.executable, Path(__file__).with_name('render_worker.py'), scenario,
+                 *settings], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                 env={**os.environ, 'PYTHONPATH': str(clone)}))
             workers[-1].stdin.write(f'{path}\n')
             workers[-1].stdin.flush()
@@ -215,11 +197,7 @@ def main():
     parser.add_argument('--scenario', default='baseline')
     parser.add_argument('--set', action='append', default=[], help='a parameter of the scenario')
     parser.add_argument('--json', type=Path, help='file of what a pair with depth takes')
-    parser.add_argument('--serve', action='store_true', help=argparse.SUPPRESS)
     args = parser.parse_args()
-    if args.serve:
-        serve(args.scenario, args.set)
-        return
     if args.against is not None:
         compare(args.scenario, args.set,
                 [args.against.resolve(), Path(__file__).resolve().parents[2]], args.rounds)
