@@ -196,9 +196,11 @@ class Builder:
         Returns:
             (m, n). Holes that are filled are none.
         """
-        if self.config.dem.nodata == 'refuse' and isinstance(self.source, Raster):
-            return self.source.has_data(x_m, y_m)
-        return np.ones((len(y_m), len(x_m)), bool)
+        filled = self.config.dem.nodata if isinstance(self.source, Raster) else (
+            self.config.mesh.holes)
+        if self.source is None or filled == 'fill':
+            return np.ones((len(y_m), len(x_m)), bool)
+        return self.source.has_data(x_m, y_m)
 
     def craters(self, box: Box, least_m: float) -> Craters:
         """Return the craters of a least diameter whose centres lie in a box."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
 import logging
 import pathlib
@@ -25,6 +26,8 @@ logger = logging.getLogger(__name__)
 FORMATS = ('.obj', '.stl', '.ply', '.glb', '.gltf', '.off')
 _CANDIDATES = 1_000_000  # points tested against triangles at once
 _LARGEST_M = 1e8         # of a coordinate: 60 radii of the Moon
+_RAYS = 4                # along the side of a sample that is looked at for holes
+_ROWS_AT_ONCE = 64       # of such samples
 
 
 @dataclasses.dataclass(frozen=True)
@@ -163,6 +166,23 @@ class MeshSource:
         return Tile(harmonic_fill(top, known), first, (0.0, 0.0), (spacing, spacing),
                     not known.all())
 
+    def has_data(self, x_m: NDArray[np.float64],
+                 y_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return where the mesh has no hole at and around samples, as `Raster.has_data`.
+
+        A hole between the rays, `_RAYS` along the side of a sample, is not seen.
+        """
+        places = (np.arange(_RAYS) + 0.5) / _RAYS - 0.5
+        x, y = ((at[:, None] + (at[1] - at[0]) * places).ravel() for at in (x_m, y_m))
+        found = np.empty((len(y_m), len(x_m)), bool)
+        for row in range(0, len(y_m), _ROWS_AT_ONCE):
+            rows = y[row * _RAYS:(row + _ROWS_AT_ONCE) * _RAYS]
+            hits = np.isfinite(cast(self._triangles, x, rows, False).top_m)
+            hits |= np.logical_or.outer(_beyond(rows, self.area_m[2:]),
+                                        _beyond(x, self.area_m[:2]))
+            found[row:row + _ROWS_AT_ONCE] = hits.reshape(-1, _RAYS, len(x_m), _RAYS).all((1, 3))
+        return found
+
     def close(self) -> None:
         """Release the mesh."""
         self._triangles = np.empty((0, 3, 3))
@@ -185,6 +205,11 @@ class MeshSource:
         if min(len(axes[0]), len(axes[1])) < 2:
             return begin, axes, MeshHits(np.empty((0, 0)), np.empty((0, 0), np.int32))
         return begin, axes, cast(self._triangles, axes[0], axes[1], count_layers)
+
+
+def _beyond(at: NDArray[np.float64], ends: Sequence[float]) -> NDArray[np.bool_]:
+    """Return which places lie beyond the ends of the mesh along an axis, or at one."""
+    return (at < ends[0] + 1e-6) | (at > ends[1] - 1e-6)
 
 
 def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:

@@ -101,6 +101,17 @@ class Source(Protocol):
     def check_window(self, middle_m: tuple[float, float]) -> object:
         """Raise WorldError if the fine ground around a place is not within, or lacks heights."""
 
+    def has_data(self, x_m: NDArray[np.float64],
+                 y_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return where heights at and around samples are not missing.
+
+        Args:
+            x_m, y_m: (n,) and (m,), ascending, evenly spaced.
+
+        Returns:
+            (m, n); beyond the source as at its edge.
+        """
+
     def tile(self, box_m: Box, cell_m: float) -> Tile | None:
         """Return the heights in a box and `PAD_PIXELS` around it; None if there are none.
 

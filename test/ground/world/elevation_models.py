@@ -1,16 +1,19 @@
-"""Elevation models that tests write, and worlds of them."""
+"""Elevation models and meshes that tests write, and worlds of them."""
 
 import numpy as np
 import pytest
 import rasterio
 from rasterio.crs import CRS
 from rasterio.transform import from_origin
+import trimesh
 import worlds
 
 from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.base.parameters import merge
+from lunar_rover_sim.ground.world import export
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.dem import open_dem
+from lunar_rover_sim.ground.world.grid import HeightGrid
 
 MOON = '+proj=stere +lat_0=-90 +lon_0=0 +k=1 +x_0=0 +y_0=0 +R=1737400 +units=m +no_defs'
 
@@ -48,3 +51,13 @@ def refused(path, message, **parameters):
     with pytest.raises(WorldError, match=message) as error:
         open_dem(config(path, **parameters))
     assert '\n' not in str(error.value)
+
+
+def bumps(n=41, cell=0.5):
+    """Return a mesh of a bumpy square and the same surface as a grid."""
+    axis = (np.arange(n) - 0.5 * (n - 1)) * cell
+    heights = (0.4 * np.sin(0.7 * axis) * np.cos(0.5 * axis[:, None])
+               + 0.05 * axis).astype(np.float32)
+    grid = HeightGrid(heights, cell)
+    vertices, faces = export.surface(grid)
+    return trimesh.Trimesh(vertices, faces, process=False), grid

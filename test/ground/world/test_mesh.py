@@ -3,6 +3,7 @@
 import os
 import warnings
 
+from ground.world.elevation_models import bumps
 import numpy as np
 import pytest
 import trimesh
@@ -15,16 +16,6 @@ from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.mesh import cast, MeshSource
-
-
-def bumps(n=41, cell=0.5):
-    """Return a mesh of a bumpy square and the same surface as a grid."""
-    axis = (np.arange(n) - 0.5 * (n - 1)) * cell
-    heights = (0.4 * np.sin(0.7 * axis) * np.cos(0.5 * axis[:, None])
-               + 0.05 * axis).astype(np.float32)
-    grid = HeightGrid(heights, cell)
-    vertices, faces = export.surface(grid)
-    return trimesh.Trimesh(vertices, faces, process=False), grid
 
 
 def config(path, **parameters):

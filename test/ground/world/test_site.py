@@ -6,7 +6,7 @@ import pathlib
 import subprocess
 import sys
 
-from ground.world.elevation_models import hills, write_tiff
+from ground.world.elevation_models import bumps, hills, write_tiff
 import numpy as np
 import pytest
 from waiting import LIMIT_S
@@ -152,6 +152,11 @@ def test_maps_from_orbit_show_holes_and_far_plans_keep_off_them(tmp_path, pixel_
     assert 1 <= len(lost) <= 4
     places = maps.first_m + maps.pixel_m * lost[:, ::-1]
     assert np.abs(places - [96.0, 0.0]).max() < 2.5
+    keeps_off_the_hole(site, maps, source)
+
+
+def keeps_off_the_hole(site, maps, source):
+    """Check that a hole at (96, 0) is far from all that a far plan may cross."""
     costs = GroundCosts.of(maps, hole_margin_m=site.hole_margin_m)
     rows, columns = np.nonzero(~costs.known)
     holes = costs.centre_m(np.stack([rows, columns], axis=1))
@@ -163,6 +168,22 @@ def test_maps_from_orbit_show_holes_and_far_plans_keep_off_them(tmp_path, pixel_
                 source.check_window(at)
     assert costs.has_ground(45.0, 3.0) and not costs.has_ground(70.0, 3.0)
     site.close()
+
+
+def test_a_hole_of_a_mesh_is_one_of_the_map_from_orbit(tmp_path):
+    """It is smaller than a pixel of the map; the windows beside it can be made."""
+    terrain, _ = bumps(n=321, cell=1.0)
+    centres = terrain.triangles_center[:, :2]
+    terrain.update_faces(np.abs(centres - [96.0, 0.0]).max(axis=1) > 0.7)
+    terrain.export(tmp_path / 'holed.ply')
+    config = WorldConfig.from_mapping({**TINY, 'source': 'mesh',
+                                       'path': str(tmp_path / 'holed.ply')})
+    site, source = Site(config), Builder(config).source
+    with pytest.raises(WorldError, match='in the window around x 102.4, y 0 m meet no face'):
+        source.check_window((102.4, 0.0))
+    maps = orbital_map(site, OrbitalConfig(photo_pixel_m=0.0))
+    assert 1 <= np.isnan(maps.heights_m).sum() <= 9
+    keeps_off_the_hole(site, maps, source)
 
 
 def test_a_damaged_window_is_made_again(tmp_path, monkeypatch):
