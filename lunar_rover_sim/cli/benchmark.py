@@ -11,6 +11,7 @@ from click.core import ParameterSource
 
 from lunar_rover_sim.base.errors import ConfigError, SlamError
 from lunar_rover_sim.base.files.atomic import atomic_write
+from lunar_rover_sim.base.files.paths import find_file
 from lunar_rover_sim.base.files.results import json_text
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.slam import paper_of, paper_option, system_options
@@ -44,19 +45,20 @@ from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS
 @paper_option
 @click.option('--retry', is_flag=True, help='repeat cells that failed')
 @options.workers('drives at the same time; each keeps one to two cores busy')
-@click.option('--sealed', type=options.PATH, metavar='FILE', help='the drives of a seal, which '
-              '`slam seal` wrote; recordings are compared with it, scores are in score.json')
+@click.option('--sealed', default='', show_default=False, metavar='NAME_OR_PATH',
+              help='the drives of a packaged seal, or of a file that `slam seal` wrote; '
+              'recordings are compared with it, scores are in score.json')
 @system_options
 def drives(output: Path, scenarios: Sequence[str], sensors: Sequence[str], seeds: str,
            duration: float, sweep: str, overrides: list[str], paper: Path | None, retry: bool,
-           workers: int, sealed: Path | None, estimator: Callable[[str], Estimator]) -> int:
+           workers: int, sealed: str, estimator: Callable[[str], Estimator]) -> int:
     """Record drives, run an estimator on each, and make a table.
 
     Writes SYSTEM.md, .csv, .tex, .html and SYSTEM_drives.csv; of a sweep SYSTEM.png. The same call
     goes on; `slam table` joins parts. With --sealed it exits with 1 if a recording is not the
     sealed one.
     """
-    seal = None if sealed is None else _seal(sealed)
+    seal = _seal(find_file('seal', sealed)) if sealed else None
     parameter, _, values = sweep.partition('=')
     published = paper_of(paper, parameter)
     estimators = [estimator(sensor) for sensor in sensors]

@@ -228,6 +228,8 @@ class RecorderNode(node_main.GraphNode):
         return self._contract.get(name) or topics.topic_of(name.removeprefix(self._own))
 
     def _is_wanted(self, name: str) -> bool:
+        if name == self._navigated_name and self._runner is not None:
+            return True     # whatever is listed: it tells that the run may end early
         if name in self._listed or not self._all:
             return name in self._listed
         # In a namespace `all` means the topics of this rover.

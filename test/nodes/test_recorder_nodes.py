@@ -27,8 +27,10 @@ from rclpy.context import Context  # noqa: E402
 from rclpy.duration import Duration  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import CompressedImage, JointState  # noqa: E402
+from std_msgs.msg import Header  # noqa: E402
 
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
+from lunar_rover_sim.base import topics  # noqa: E402
 from lunar_rover_sim.base.files.paths import find_file  # noqa: E402
 from lunar_rover_sim.judge.evaluation.trajectory_files import read_tum  # noqa: E402
 from lunar_rover_sim.products.inspection.check import check  # noqa: E402
@@ -109,6 +111,23 @@ def test_a_recording_that_ends_before_its_run_stays_marked(tmp_path: Path) -> No
             time.sleep(0.5)
         with open_bag(tmp_path / name) as bag:
             assert bag.incomplete == expected
+
+
+def test_a_drive_that_is_over_early_is_whole_whatever_is_recorded(peer: Peer,
+                                                                  tmp_path: Path) -> None:
+    """A navigator tells when its run ends; a list of other topics must not leave it out."""
+    scenario = tmp_path / 'scenario.yaml'
+    scenario.write_text('physics_node: {ros__parameters: {duration_s: 30.0}}\n')
+    publisher = peer.node.create_publisher(Header, topics.NAVIGATED.name, 10)
+    with running('recorder_node', '-p', f'output:={tmp_path / "bag"}', '-p',
+                 f'scenario_file:={scenario}', '-p', 'topics:=[odom]'):
+        peer.spin_until(lambda: publisher.get_subscription_count() > 0)
+        publisher.publish(Header(stamp=Time(sec=2)))
+        assert publisher.wait_for_all_acked(Duration(seconds=30))
+        time.sleep(0.5)
+    with open_bag(tmp_path / 'bag') as bag:
+        assert bag.incomplete is None
+        assert bag.counts[f'/{topics.NAVIGATED.name}'] == 1
 
 
 def test_trajectory_recorder_node_writes_tum(peer: Peer, tmp_path: Path) -> None:
