@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 import dataclasses
 from typing import Any, NamedTuple
 
@@ -49,6 +48,11 @@ class Inertial(NamedTuple):
     stamps_ns: NDArray[np.int64]
     rates_radps: Array
     forces_mps2: Array
+
+    def part(self, first: int, last: int | None = None) -> Inertial:
+        """Return the samples from the first to before the last."""
+        return Inertial(self.stamps_ns[first:last], self.rates_radps[first:last],
+                        self.forces_mps2[first:last])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,16 +125,19 @@ class Turns:
     """
 
     def __init__(self) -> None:
-        self._samples: deque[tuple[int, Array, Array]] = deque()
+        self._samples = Inertial(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
         self.bias_radps = np.zeros(3)
 
     def add(self, inertial: Inertial) -> None:
         """Take samples; those that are old are forgotten."""
-        for ns, rate, force in zip(inertial.stamps_ns.tolist(), inertial.rates_radps,
-                                   inertial.forces_mps2):
-            self._samples.append((ns, rate, force))
-        while self._samples and self._samples[-1][0] - self._samples[0][0] > _MEMORY_NS:
-            self._samples.popleft()
+        before = self._samples
+        stamps = np.concatenate([before.stamps_ns, inertial.stamps_ns])
+        if not len(stamps):
+            return
+        self._samples = Inertial(
+            stamps, np.concatenate([before.rates_radps, inertial.rates_radps]),
+            np.concatenate([before.forces_mps2, inertial.forces_mps2])).part(
+                int(np.searchsorted(stamps, stamps[-1] - _MEMORY_NS)))
 
     def between(self, start_ns: int, end_ns: int) -> Array | None:
         """Return R_start_end (3, 3); None where the samples do not cover the time."""
@@ -142,33 +149,38 @@ class Turns:
         within = self._within(start_ns, end_ns)
         if within is None:
             return None
-        stamps, rates, _ = within
-        steps = np.diff(np.append(start_ns, stamps)) * 1e-9
-        turn = Rotation.identity()
-        for step in Rotation.from_rotvec((rates - self.bias_radps) * steps[:, None]):
-            turn = turn * step
-        return np.asarray(turn.as_matrix())
+        steps_s = np.diff(within.stamps_ns, prepend=start_ns) * 1e-9
+        return _products((within.rates_radps - self.bias_radps) * steps_s[:, None])[-1]
 
     def up(self, start_ns: int, end_ns: int) -> Up | None:
         """Return the mean specific force; None where the samples do not cover the time."""
         within = self._within(start_ns, end_ns)
         if within is None or end_ns <= start_ns:
             return None
-        stamps, rates, forces = within
-        total, turns, turn, later = np.zeros(3), np.zeros((3, 3)), Rotation.identity(), end_ns
-        for ns, rate, force in zip(stamps[::-1], rates[::-1], forces[::-1]):
-            # turn: R_end_sample
-            turn = turn * Rotation.from_rotvec((self.bias_radps - rate) * (later - ns) * 1e-9)
-            total, turns, later = total + turn.apply(force), turns + turn.as_matrix(), ns
-        return Up(total / len(stamps), turns / len(stamps), (end_ns - start_ns) * 1e-9)
+        steps_s = np.diff(within.stamps_ns, append=end_ns) * 1e-9
+        # R_end_sample, the last sample first.
+        turns = _products(((self.bias_radps - within.rates_radps) * steps_s[:, None])[::-1])
+        forces = turns @ within.forces_mps2[::-1, :, None]
+        return Up(forces[:, :, 0].mean(axis=0), turns.mean(axis=0), (end_ns - start_ns) * 1e-9)
 
-    def _within(self, start_ns: int, end_ns: int) -> tuple[NDArray[np.int64], Array, Array] | None:
-        chosen = [sample for sample in self._samples if start_ns < sample[0] <= end_ns]
-        most_ns = 1.5 * (end_ns - start_ns) / max(1, len(chosen))
-        if not chosen or chosen[0][0] - start_ns > most_ns or end_ns - chosen[-1][0] > most_ns:
+    def _within(self, start_ns: int, end_ns: int) -> Inertial | None:
+        stamps = self._samples.stamps_ns
+        first, last = np.searchsorted(stamps, [start_ns, end_ns], side='right')
+        most_ns = 1.5 * (end_ns - start_ns) / max(1, last - first)
+        if (first == last or stamps[first] - start_ns > most_ns
+                or end_ns - stamps[last - 1] > most_ns):
             return None
-        stamps, rates, forces = zip(*chosen)
-        return np.array(stamps, np.int64), np.array(rates), np.array(forces)
+        return self._samples.part(first, last)
+
+
+def _products(rotvecs_rad: Array) -> Array:
+    """Return (n, 3, 3) rotations: the product of the first, of the first two, and so on."""
+    turns = np.asarray(Rotation.from_rotvec(rotvecs_rad).as_matrix())
+    apart = 1
+    while apart < len(turns):
+        turns[apart:] = turns[:-apart] @ turns[apart:]
+        apart *= 2
+    return turns
 
 
 AIDS = (topics.IMU_RAW, topics.WHEEL_ODOM, topics.SUN_SENSOR, topics.STAR_TRACKER, topics.SUN)
