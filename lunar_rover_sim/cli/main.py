@@ -101,8 +101,6 @@ COMMANDS = {
     'validate stereo': Entry('validate_stereo:stereo', 'semi-global matching against true depth'),
     'validate terramechanics': Entry('validate_walking:terramechanics',
                                      'walks on soft ground, slopes and against a pull'),
-    'validate traverse': Entry('validate_walking:traverse', 'drive waypoints over many worlds: '
-                               'tip-overs, slip, cost of transport'),
     'view': Entry('view:view', "physics alone in MuJoCo's viewer"),
     'world build': Entry('world:build', 'make a world folder from a scenario, an elevation model '
                          'or a mesh'),
@@ -113,6 +111,10 @@ COMMANDS = {
     'world preview': Entry('world:preview', 'maps, statistics and camera views as a PNG'),
     'world sun': Entry('world_sun:sun', 'sun, Earth and light at a place on the Moon over time'),
 }
+
+
+# Commands of earlier releases, and what answers their questions.
+GONE = {'validate traverse': 'see validate navigation, validate locomotion, benchmark traverse'}
 
 
 class Commands(click.Group):
@@ -150,14 +152,15 @@ class Commands(click.Group):
         """Import the command that the first argument names.
 
         Raises:
-            ConfigError: If there is none; it offers the nearest ones.
+            ConfigError: If there is none; it offers what replaces it, or the nearest ones.
         """
         found = self.get_command(ctx, args[0])
         name = self.begin + args[0]
         if found is None and not ctx.resilient_parsing:
             known = [self.begin + word for word in self.list_commands(ctx)]
             raise ConfigError(f'{name}: no such command; '
-                              + (did_you_mean(name, known) or f'see {ctx.command_path} --help'))
+                              + (GONE.get(name) or did_you_mean(name, known)
+                                 or f'see {ctx.command_path} --help'))
         return args[0], load(name) if name in COMMANDS else found, args[1:]
 
 

@@ -47,7 +47,7 @@ WITHOUT = {
     'what it finds is a CSV, JSON or Markdown file': (
         'benchmark drives', 'benchmark traverse', 'campaign', 'slam table', 'evaluate images',
         'validate learning', 'validate locomotion', 'validate navigation', 'validate stereo',
-        'validate terramechanics', 'validate traverse'),
+        'validate terramechanics'),
     'a person reads its table; Python has the numbers': (
         'validate imu', 'validate odometry', 'world sun'),
     'its status is the result': ('dataset verify',),

@@ -29,6 +29,7 @@ BAD_INPUT = {
     'rnu baseline': (1, 'rnu: no such command; did you mean run?'),
     'bag chek x': (1, 'bag chek: no such command; did you mean bag check'),
     'validate stero': (1, 'did you mean validate stereo'),
+    'validate traverse -o {new}': (1, 'no such command; see validate navigation'),
     'xyzzy': (1, 'xyzzy: no such command; see lunar_rover_sim --help'),
     # An option that does not exist, lacks its value, or does not go with another one.
     'run flat --durration 3': (2, "'--durration'. Did you mean '--duration'? See lunar_rover_sim "
@@ -88,8 +89,7 @@ BAD_INPUT = {
     'calibrate gait -o {new} --set rover.legs.spokes=6': (1, 'foot_width_deg: 60'),
     'validate locomotion -o {new} --duration 5': (1, '--duration: 5 is not valid'),
     'validate locomotion -o {new} --gravities nan': (1, '--gravities: nan is not valid'),
-    'validate traverse -o {new} --seeds 0': (1, '--seeds: 0 is not valid'),
-    'validate traverse -o {new} --duration 1': (1, '--duration: 1 is not valid'),
+    'validate locomotion -o {new} --seeds 0': (1, '--seeds: 0 is not valid'),
     'validate navigation -o {new} --set shared.seed=3': (1, "no such section 'shared'"),
     'validate odometry -n 2': (1, '--drives: 2 is not valid; valid is >= 3'),
     'validate odometry --duration 1': (1, '--duration: 1 is not valid'),

@@ -21,7 +21,7 @@ WORDS = {
     'run': ['flat'], 'slam seal': ['benchmark'], 'slam settings': ['flat'], 'slam run': ['bag'],
     'slam table': ['part'], 'validate imu': [],
     'validate learning': [], 'validate locomotion': [], 'validate stereo': ['flat'],
-    'validate terramechanics': [], 'validate traverse': [], 'world build': [],
+    'validate terramechanics': [], 'world build': [],
     'world export': ['world'],
     'world preview': ['world'], 'world sun': ['0', '-89']}
 OF_FILES = {'bag video': '.mp4', 'calibrate gait': '.yaml',
@@ -51,7 +51,6 @@ INPUTS = [
     'slam settings {folder} -o {new}', 'slam run {folder} -o {new}', 'slam run {file} -o {new}',
     'slam table {folder} -o {new}', 'slam table {file} -o {new}', 'slam table {none} -o {new}',
     'validate imu --set {folder} -o {new}.png', 'validate stereo {folder} -o {new}',
-    'validate traverse {folder} -o {new}',
     'validate policy {file}', 'validate policy {folder}', 'validate policy {none}.onnx',
     'validate learning {file} -o {new}', 'run flat --policy {file} -o {new}',
     'validate terramechanics {folder} -o {new}', 'world info {file}', 'world info {folder}',

@@ -69,7 +69,7 @@ def test_cases_come_seed_by_seed_and_the_sun_is_for_those_who_see():
     assert [case.seed for case in found] == sorted(case.seed for case in found)
 
 
-def test_the_store_keeps_drives(drives, tmp_path):
+def test_a_finished_drive_comes_back_and_other_settings_do_not(drives, tmp_path):
     case = Case('flat', 6.0, SEEN, 1)
     store = DriveStore(tmp_path / 'study', 'settings', resume=False)
     store.save(case, drives[SEEN])
@@ -77,6 +77,14 @@ def test_the_store_keeps_drives(drives, tmp_path):
     assert again is not None and again.outcome == ARRIVED
     assert np.array_equal(again.path_m, drives[SEEN].path_m)
     assert dataclasses.replace(again, path_m=0) == dataclasses.replace(drives[SEEN], path_m=0)
+    with pytest.raises(StudyError, match='was made with other settings'):
+        DriveStore(tmp_path / 'study', 'other', resume=True)
+    with pytest.raises(StudyError, match='is no study to resume'):
+        DriveStore(tmp_path, 'settings', resume=True)
+    damaged, = (tmp_path / 'study' / 'drives').iterdir()
+    damaged.write_text('{"seed": 4}')
+    with pytest.raises(StudyError, match=f'{damaged.name}: is no drive of this study'):
+        store.load(case)
 
 
 def test_the_report_counts_and_compares(drives, tmp_path):

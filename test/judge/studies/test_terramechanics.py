@@ -1,17 +1,14 @@
-"""The terramechanics study, grounds on the same worlds, and studies that are resumed."""
+"""The terramechanics study, and grounds on the same worlds."""
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 from lunar_rover_sim.base.errors import StudyError
-from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.judge.studies.terramechanics import (compare, comparison_text, Ground,
                                                           measure, plot_comparison, Quantity,
                                                           walk_study, write_all, write_walks)
-from lunar_rover_sim.judge.studies.traverse import Traverse, TraverseStore
 from lunar_rover_sim.judge.studies.walking import with_physics
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -53,12 +50,6 @@ def test_a_slope_on_which_it_cannot_stand_is_a_result():
 VALUE = Quantity('value', lambda result: result, 1)
 
 
-def drive(seed, speed_mps=0.1):
-    path = np.c_[np.linspace(0.0, 60.0 * speed_mps, 50), np.zeros(50), np.zeros(50)]
-    return Traverse(seed, 'driven', 60.0, 60.0 * speed_mps, 1, 0, 1, 0.1, 1.0, 1.3, 5.0, 10.0,
-                    20.0, 1.5, 0.005, path)
-
-
 def test_pairs_show_what_worlds_hide():
     """A shift of 1 beneath differences of 10 between worlds; values that are missing drop out."""
     worlds = np.random.default_rng(4).normal(0.0, 10.0, 12)
@@ -88,42 +79,6 @@ def test_a_share_stays_within_0_and_1_and_every_p_is_corrected(tmp_path):
     assert text.count('| 0.0078 | 0.01 |') == 3
     plot_comparison(results, [VALUE, stops], tmp_path / 'figure.png')
     assert (tmp_path / 'figure.png').stat().st_size > 5000
-
-
-def test_a_finished_drive_comes_back_and_other_settings_do_not(tmp_path):
-    store = TraverseStore(tmp_path / 'study', 'speed: 1', resume=False)
-    assert store.load(('rigid', 3)) is None
-    store.save(('rigid', 3), drive(3))
-    again = TraverseStore(tmp_path / 'study', 'speed: 1', resume=True).load(('rigid', 3))
-    assert np.array_equal(again.path_m, drive(3).path_m)
-    assert dataclasses.replace(again, path_m=None) == dataclasses.replace(drive(3), path_m=None)
-    with pytest.raises(StudyError, match='was made with other settings'):
-        TraverseStore(tmp_path / 'study', 'speed: 2', resume=True)
-    with pytest.raises(StudyError, match='is no study to resume'):
-        TraverseStore(tmp_path, 'speed: 1', resume=True)
-    (tmp_path / 'study' / 'drives' / 'rigid_4.json').write_text('{"seed": 4}')
-    with pytest.raises(StudyError, match='rigid_4.json: is no drive of this study'):
-        store.load(('rigid', 4))
-
-
-def test_a_resumed_study_drives_only_what_is_missing(tmp_path, capsys):
-    """All its drives are there: nothing is driven, and the report is written."""
-    scenario = Scenario.load('baseline')
-    store = TraverseStore(tmp_path / 'out', f'# 60 s\n{scenario.to_yaml()}', resume=False)
-    for seed in (1, 2):
-        store.save(('rigid', seed), drive(seed))
-        store.save(('highland', seed), drive(seed, 0.09 + 0.001 * seed))
-    assert main(['validate', 'traverse', '--grounds', 'rigid', 'highland', '--seeds', '2',
-                 '--duration', '60', '--resume', '-o', str(tmp_path / 'out')]) == 0
-    assert 'Traverses of baseline on rigid, highland' in capsys.readouterr().out
-    assert {path.name for path in (tmp_path / 'out').iterdir()} == {
-        'drives', 'settings.yaml', 'grounds.md', 'grounds.png', 'rigid', 'highland'}
-    text = (tmp_path / 'out' / 'grounds.md').read_text()
-    assert '| speed [m/s] | highland | 0.0915' in text
-    of_rigid = tmp_path / 'out' / 'rigid'
-    assert '2 worlds, 2.0 min, 12.0 m: 0 tipped over' in (of_rigid / 'traverse.md').read_text()
-    assert len((of_rigid / 'traverse.csv').read_text().splitlines()) == 3
-    assert (of_rigid / 'traverse.png').stat().st_size > 10000
 
 
 def test_walks_on_several_grounds_are_pairs(tmp_path):

@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 from physics_scene import make_world, plane_heights, rough_heights, ROVER, simulate, trot, WEIGHT_N
 import pytest
+from tip_penetration import TipPenetration
 
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.frames import matrix_from_wxyz
 from lunar_rover_sim.ground.regolith.config import GroundConfig
 from lunar_rover_sim.rover.physics.config import ContactConfig, PhysicsConfig, StartPose
-from lunar_rover_sim.rover.physics.penetration import TipPenetration
 
 # No tip of the default rover penetrates deeper under lunar gravity, except after a fall by more
 # than 0.3 m. At rest it is 0.5 mm. At a tip radius of 8 mm the ground is nearly rigid, and from
@@ -131,7 +131,6 @@ def test_a_dropped_rover_never_gains_energy(seed):
 
 
 def test_tips_stay_near_the_surface_of_rough_ground():
-    """20 s here; `lunar_rover_sim validate traverse` reports it for minutes on many worlds."""
     world = make_world(rough_heights())
     with simulate(world) as simulation:
         tips, deepest = TipPenetration(simulation), []

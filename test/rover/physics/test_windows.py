@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from physics_scene import everything, make_world, rough_heights, ROVER, same, simulate, soft, trot
 import pytest
+from tip_penetration import TipPenetration
 from windows_scene import CutSite, window
 
 from lunar_rover_sim.base.errors import ConfigError, GroundLeftError, PhysicsError
@@ -14,7 +15,6 @@ from lunar_rover_sim.ground.regolith.overlay import GroundChanges
 from lunar_rover_sim.ground.world.grid import height_step_m, HeightGrid, on_lattice
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.rover.physics.config import GroundConfig, StartPose
-from lunar_rover_sim.rover.physics.penetration import TipPenetration
 from lunar_rover_sim.rover.physics.simulation import Simulation
 
 # Three windows meet, and four tiles: the walk begins beside the corner that they share.
