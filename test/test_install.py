@@ -1,7 +1,6 @@
 """What colcon, pip and ros2 need to know: a wheel is built and installed, and looked at."""
 
 import ast
-from configparser import ConfigParser
 from importlib import metadata
 import json
 import os
@@ -260,14 +259,6 @@ def test_extras(prefix: Path) -> None:
     wheel = distribution(prefix)
     assert {'ros', 'cluster', 'test', 'docs'} <= set(wheel.metadata.get_all('Provides-Extra'))
     assert any(line.startswith('pytest>') and 'test' in line for line in wheel.requires or [])
-
-
-def test_scripts_folder() -> None:
-    """Ros2 run looks in lib/lunar_rover_sim, wherever colcon installs or links."""
-    settings = ConfigParser()
-    settings.read(ROOT / 'setup.cfg')
-    assert settings['install']['install_scripts'] == '$base/lib/lunar_rover_sim'
-    assert settings['develop']['script_dir'] == '$base/lib/lunar_rover_sim'
 
 
 def test_setup_knows_pip_from_colcon(tmp_path: Path) -> None:

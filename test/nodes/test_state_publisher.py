@@ -144,13 +144,6 @@ def test_one_of_several_rovers_is_without_a_clock(state: RoverState) -> None:
     assert '/clock' not in node.sent and len(node.sent['odom']) == 1
 
 
-def test_the_order_of_a_state(state: RoverState) -> None:
-    """What time waits for comes first; who has the clock has the rest of its time."""
-    order = [topic for topic in published(state).order if not topic.startswith('tf')]
-    assert order[:2] == ['joint_states', 'odom'] and order[-1] == '/clock'
-    assert len(order) == len(set(order)) == 10
-
-
 def sent_twice(rover: RoverDescription, imu: ImuConfig, states: Sequence[RoverState],
                ) -> Callable[[topics.Topic, Any], Any]:
     """Return what reads the second message of a topic, of one publisher of two states."""

@@ -1,6 +1,5 @@
 """The compiled law against sums over facets, plain formulae, and its own continuity."""
 
-import ctypes
 import dataclasses
 import math
 
@@ -243,49 +242,6 @@ def let_yield(tip, soil, ground, overlay):
     law.support(tip, soil, dig_table(GENERIC), DEEPEST, ground, SAME, overlay.near)
 
 
-@pytest.mark.parametrize('seed', range(12))
-def test_forces_of_a_tip_are_those_of_the_law(seed):
-    """On a slope, at rest in its print, then with any velocity: every formula of the module."""
-    rng = np.random.default_rng(seed)
-    soil = record('highland')
-    slope = rng.uniform(-0.25, 0.25, 2)
-    normal = np.array([*-slope, 1.0]) / math.sqrt(1.0 + slope @ slope)
-    plastic, before, way = rng.uniform(0.002, 0.03), rng.uniform(-0.0003, 0.0006), 0.002
-    depth = plastic + rng.uniform(-2e-4, 8e-4)
-    x, y = at = rng.uniform(-0.2, 0.2, 2)
-    velocity = rng.normal(scale=0.1, size=3)
-    rate = rng.normal(size=3)
-    tip = tip_at(x, y, slope @ at + (R - depth) / normal[2], at=at, in_ground=True,
-                 plastic=plastic, elastic=before, sheared=way, velocity=velocity, rate=rate,
-                 normal=normal)
-    let_yield(tip, soil, flat_ground(*slope), Overlay())
-
-    slipped = STEP_S * max(0.0, law.slip_mps(tip, R) - 1e-4) if depth > plastic else 0.0
-    lean, before = law.lean_of(tip) if depth > 2.0 * R else 0.0, max(before, 0.0)
-    steep = math.hypot(*slope)
-    part = law.bearing_on_slope(steep, soil)
-    elastic = law.yielded(depth, plastic, before, slipped, part, lean, soil, dig_table(GENERIC),
-                          DEEPEST)
-    bears = part * law.bears_n(depth - elastic, lean, soil)
-    damping = soil['damping_nspm'] * law.onset(elastic)
-    force = np.clip(soil['elastic_npm'] * elastic + damping * (elastic - before) / STEP_S,
-                    0.0, bears)
-    down = -velocity @ normal
-    sprung = 1.0
-    if down > 0.0 and elastic > 0.0:
-        sprung = elastic / (elastic + down * STEP_S)
-        damping = np.clip((bears - soil['elastic_npm'] * elastic) / down, 0.0, damping)
-    friction = min(soil['friction'] + law.ploughs_n(depth, 1.0 - steep / soil['friction'], soil)
-                   / max(force, 1e-6), 10.0)
-    mobilised = max(1.0 - math.exp(-(way + slipped) / soil['shear_m']), 0.05)
-    np.testing.assert_allclose(tip['normal'], normal, atol=1e-6)
-    for name, value in (('depth', depth), ('elastic', elastic), ('plastic', depth - elastic),
-                        ('force', force), ('sprung', sprung), ('sheared', way + slipped),
-                        ('damped', damping / soil['damping_nspm']),
-                        ('friction', mobilised * friction)):
-        assert tip[name] == pytest.approx(value, rel=1e-3, abs=1e-7), name
-
-
 @pytest.mark.parametrize('former', [0.0, 0.004])
 def test_a_tip_meets_what_lies_ahead_in_proportion_to_its_way(former):
     """In a print that leans; ahead of the ball, the ground is as it was, or an earlier print."""
@@ -325,74 +281,3 @@ def test_a_tip_touches_down_on_the_changed_ground():
             depth = R - (R + above - former) * normal[2]
             assert tip['depth'] == pytest.approx(depth, abs=1e-8)
             assert former * normal[2] < tip['plastic'] < depth
-
-
-@pytest.mark.parametrize('rise,made,event,called', [
-    (1e-4, 3, None, 3), (-6e-4, 2, law.PRINT, 2), (0.01, 2, law.LEFT, 2),
-    (-1.0, 1, law.DIVERGED, 1)])
-def test_steps_move_the_planes_until_a_tip_leaves_something_to_be_done(rise, made, event, called):
-    """Two legs with a tip in the ground of a slope, and one in the air; MuJoCo lifts the body."""
-    qpos, qvel, calls = np.zeros(9), np.zeros(8), []
-    qpos[3], qvel[:2] = 1.0, (0.05, 0.02)
-
-    @ctypes.CFUNCTYPE(None, ctypes.c_ssize_t, ctypes.c_ssize_t)
-    def mj_step(*given):
-        calls.append(given)
-        qpos[2] += rise
-
-    soil, slope = soil_record(PRESETS['highland'], ROVER, STEP_S), np.array([0.1, -0.2])
-    normal = np.array([-0.1, 0.2, 1.0]) / math.sqrt(1.05)
-    legs, tips = np.zeros(2, law.LEG), np.zeros(4, law.TIP)
-    legs['axle'][:, 0], legs['attitude'], legs['axis'] = (0.1, -0.1), np.eye(3), (0.0, 1.0, 0.0)
-    at, depth = legs['axle'][:, :2], np.array([0.0063, 0.0093])
-    tips['leg'], tips['mocap'], tips['pair'] = (0, 0, 1, 1), (2, 0, 3, 1), (1, 3, 0, 2)
-    tips['offset'][1::2, 2], tips['offset'][::2, 2] = 0.08, at @ slope + (R - depth) / normal[2]
-    tips['normal'], tips['pressed'], tips['held'] = normal, np.nan, (-3000.0, -20.0)
-    for name, value in (('at', at), ('in_ground', True), ('plastic', depth - 3e-4),
-                        ('elastic', 3e-4), ('sheared', 0.002), ('depth', depth)):
-        tips[name][::2] = value
-    planes, turns = np.zeros((4, 3)), np.zeros((4, 4))
-    friction, solref, shear, solimp = np.zeros((4, 5)), *np.zeros((2, 4, 2)), np.ones((4, 5))
-    slipped, wrench, torque = np.zeros(2), np.ones((2, 6)), np.ones(2)
-    of_leg, of_motor = np.arange(12.0).reshape(2, 6), np.array([3.0, -4.0])
-    overlay = Overlay()
-    found = law.advance(
-        ctypes.cast(mj_step, ctypes.c_void_p).value, 123, 456, 3,
-        law.Mujoco(qpos, qvel, planes, turns, friction, solref, shear, solimp, of_leg, of_motor),
-        legs, tips, soil, dig_table(GENERIC), DEEPEST, flat_ground(*slope), SAME, overlay.near,
-        slipped, wrench, torque)
-    assert found == (made, event is not None) and calls == [(123, 456)] * called
-    np.testing.assert_array_equal(wrench, 1.0 + called * of_leg)
-    np.testing.assert_array_equal(torque, 1.0 + called * of_motor)
-    assert np.all(tips['event'][::2] == (event or law.NOTHING))
-    sinkage = np.ones(2)
-    law.sinkage_of(tips, sinkage)
-    np.testing.assert_array_equal(sinkage, tips['depth'][::2])
-    if event != law.DIVERGED:
-        parked = 4 if event == law.LEFT else 2
-        np.testing.assert_array_equal(planes[:parked], [(0.0, 0.0, -1e4)] * parked)
-    np.testing.assert_allclose(slipped, tips['sheared'][::2] - 0.002, atol=1e-12)
-    assert (slipped > 0.0).all()
-    if event in (law.LEFT, law.DIVERGED):
-        return
-    tips = tips[::2]
-    elastic, mocap, pair = tips['elastic'][:, None], tips['mocap'], tips['pair']
-    lowest = tips['centre'] - (R - elastic) * tips['normal']
-    np.testing.assert_allclose(planes[mocap], lowest, atol=1e-9)
-    attitude = Rotation.from_quat(np.roll(turns[mocap], -1, axis=1))
-    np.testing.assert_allclose(attitude.apply((0.0, 0.0, 1.0)), tips['normal'], atol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(turns[mocap], axis=1), 1.0)
-    assert np.all(turns[mocap, 3] == 0.0), 'no turn about the normal'
-    np.testing.assert_array_equal(friction[pair, :2], tips['friction'][:, None] + np.zeros(2))
-    assert not friction[:, 2:].any() and np.all(solimp[:, 2:] == 1.0) and not shear[:, 0].any()
-    # Spring and damper as they are held, whatever the mass that the contact carries.
-    part = np.clip(elastic / 2e-4, 0.0, 1.0)
-    np.testing.assert_allclose(solimp[pair, :2], 0.18 * part + np.zeros(2))
-    np.testing.assert_allclose(solref[pair] * 0.82 / (1.0 - 0.18 * part),
-                               (-3000.0, -20.0) * np.stack([tips['sprung'], tips['damped']], 1))
-    np.testing.assert_allclose(shear[pair, 1], -20.0 * part[:, 0])
-    pressed = tips['centre'] + elastic * tips['normal']
-    if event == law.PRINT:
-        np.testing.assert_allclose(tips['low'], pressed, atol=1e-9)
-        pressed = pressed + [0.0, 0.0, 6e-4]
-    np.testing.assert_allclose(tips['pressed'], pressed, atol=3e-4)

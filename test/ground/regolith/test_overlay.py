@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.ground.regolith.overlay import CELL_M, Overlay, TILE
-from lunar_rover_sim.ground.regolith.tracks import (heights, press, relax, SLIDE_S, WallSlides,
-                                                    WIDEST)
+from lunar_rover_sim.ground.regolith.tracks import heights, press, relax, WallSlides, WIDEST
 from lunar_rover_sim.ground.world.grid import HeightGrid
 
 R = 0.008
@@ -93,16 +92,6 @@ def test_more_soil_goes_where_the_tip_moves_to():
     assert ahead > 2.0 * behind >= 0.0
 
 
-def test_one_position_equals_many():
-    overlay, ground = Overlay(), flat()
-    trample(overlay, ground)
-    xy = np.random.default_rng(2).uniform(-0.3, 0.3, (400, 2))
-    single = np.array([overlay.at(x, y) for x, y in xy])
-    np.testing.assert_allclose(single[:, 0], overlay.height_change(xy), atol=1e-12)
-    np.testing.assert_allclose(single[:, 1], overlay.compaction(xy), atol=1e-12)
-    assert np.count_nonzero(single[:, 0]) > 50
-
-
 def test_changes_rebuild_the_ground_elsewhere():
     overlay, ground, other = Overlay(), flat(), Overlay()
     for seed in range(3):
@@ -127,19 +116,6 @@ def test_indices_are_samples_of_5_mm_and_sorted_by_tile():
     deepest = changes.index[np.argmin(changes.height_m)]
     assert deepest.tolist() == [-60, 40]
     assert changes.index.dtype == np.int32 and changes.height_m.dtype == np.float32
-
-
-def test_going_back_tells_what_changed():
-    overlay, ground = Overlay(), flat()
-    trample(overlay, ground, prints=5)
-    kept = overlay.copy()
-    overlay.take_changes()
-    press(overlay, ground, (0.4, 0.4, R - 0.003), (0.4, 0.4, R - 0.003), R, 0.5)
-    pressed = overlay.take_changes()
-    overlay.restore(kept)
-    back = overlay.take_changes()
-    assert {tuple(i) for i in back.index} == {tuple(i) for i in pressed.index}
-    assert np.array_equal(overlay.snapshot().height_m, kept.snapshot().height_m)
 
 
 def test_the_same_steps_give_the_same_bits():
@@ -210,10 +186,6 @@ def depth_m(overlay, ix, iy):
 
 def around(ix, iy):
     return ix - 2, iy - 2, 5, 5
-
-
-def test_the_delay_is_a_tenth_of_a_second():
-    assert SLIDE_S == pytest.approx(DELAY * STEP_S)
 
 
 def test_a_wall_slides_when_its_time_has_come():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lunar_rover_sim.ground.regolith.overlay import CELL_M, GroundChanges, Overlay, pieces, TILE
+from lunar_rover_sim.ground.regolith.overlay import CELL_M, GroundChanges, Overlay, TILE
 
 Values = dict[tuple[int, int], tuple[float, float]]
 
@@ -157,17 +157,3 @@ def test_changes_are_taken_over_whatever_their_order():
     other.apply(GroundChanges(np.zeros((0, 2), np.int32), np.zeros(0, np.float32),
                               np.zeros(0, np.float32)))
     assert values(other.snapshot()) == known(model) and len(other.take_changes()) == 0
-
-
-@pytest.mark.parametrize('window', [(0, 0, 1, 1), (-1, 39, 2, 2), (-81, -3, 130, 50),
-                                    (40, -40, 40, 40), (39, 0, 1, 81)])
-def test_pieces_cover_a_window_once(window):
-    ix, iy, nx, ny = window
-    seen = np.zeros((ny, nx), int)
-    for (tx, ty), there, here in pieces(ix, iy, nx, ny):
-        seen[here] += 1
-        assert (here[0].start + iy, here[1].start + ix) == (
-            ty * TILE + there[0].start, tx * TILE + there[1].start)
-        for a, b in zip(there, here):
-            assert 0 <= a.start < a.stop <= TILE and a.stop - a.start == b.stop - b.start
-    assert (seen == 1).all()

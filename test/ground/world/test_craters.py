@@ -13,7 +13,6 @@ from lunar_rover_sim.ground.world import rays, streams
 from lunar_rover_sim.ground.world.config import CraterConfig
 from lunar_rover_sim.ground.world.craters import (Craters, fresh_profile, keep_clear, populate,
                                                   profile_table, RADII, REACH, survivors)
-from lunar_rover_sim.ground.world.grid import part_of
 from lunar_rover_sim.ground.world.spline import Area
 
 ROUND = CraterConfig(irregularity=0.0)
@@ -150,16 +149,6 @@ def test_profiles_degrade_as_diffusion_says_at_a_steady_rate():
     np.testing.assert_allclose(rates, np.mean(rates), rtol=0.06)
 
 
-def test_a_profile_between_two_ages_lies_between_them():
-    table = profile_table(ROUND)
-    for i in (0, 5, 31):
-        np.testing.assert_allclose(table.at(table.ages[i]), table.heights[i], atol=1e-12)
-        middle = 0.25 * table.ages[i] + 0.75 * table.ages[i + 1]
-        np.testing.assert_allclose(table.at(middle),
-                                   0.25 * table.heights[i] + 0.75 * table.heights[i + 1])
-    np.testing.assert_allclose(table.at(1.0), table.heights[-1], atol=1e-12)
-
-
 def test_measures_of_the_profiles():
     """The wall of a fresh parabola falls by 2 depth / radius at its rim: 0.8, or 39 deg."""
     table = profile_table(ROUND)
@@ -176,23 +165,6 @@ def test_measures_of_the_profiles():
 def test_a_crater_as_deep_as_the_oldest_does_not_change():
     table = profile_table(CraterConfig(fresh_depth=0.1, oldest_depth=0.2))
     np.testing.assert_allclose(table.heights, np.tile(table.heights[0], (len(table.ages), 1)))
-
-
-@pytest.mark.parametrize('x0,y0,reach,rows,columns', [
-    (5.0, 6.0, 2.5, (4, 9), (3, 8)), (5.4, 6.6, 2.0, (5, 9), (4, 8)),
-    (0.0, 19.0, 3.0, (16, 20), (0, 4)), (-1.0, 10.0, 2.0, (8, 13), (0, 2)),
-    (10.0, -1.0, 2.0, (0, 2), (8, 13)), (20.0, 10.0, 2.0, (8, 13), (18, 20))])
-def test_a_window_holds_all_cells_within_reach(x0, y0, reach, rows, columns):
-    found = part_of(x0, y0, reach, (0, 0), (20, 20))
-    assert found == part_of(x0 + 7.0, y0 - 3.0, reach, (7, -3), (20, 20))
-    assert (found[0].start, found[0].stop) == rows and (found[1].start, found[1].stop) == columns
-
-
-@pytest.mark.parametrize('x0,y0,reach', [(-3.0, 5.0, 2.0), (5.0, 23.0, 2.0), (-1.0, 5.0, 0.9),
-                                         (5.0, 20.5, 1.4), (5.5, 5.5, 0.4)])
-def test_nothing_of_an_area_is_within_reach(x0, y0, reach):
-    assert part_of(x0, y0, reach, (0, 0), (20, 20)) is None
-    assert part_of(x0 - 300.0, y0 + 7.0, reach, (-300, 7), (20, 20)) is None
 
 
 CELL, SIDE = 0.05, 241

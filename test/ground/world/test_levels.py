@@ -116,17 +116,6 @@ def test_levels_cover_a_horizon_and_nest():
         assert np.allclose(outer.heights_m[np.ix_(inside, inside)], inner.height_at(xy), atol=1e-6)
 
 
-@pytest.mark.parametrize('samples', range(257, 275))
-def test_coarse_levels_have_the_samples_asked_for_and_some_on_the_corners_within(samples):
-    levels = nest.plan(WorldConfig.from_mapping({'size_m': 12.8, 'surroundings.samples': samples}))
-    for (n, cell_m), (outer_n, outer_cell_m) in zip(levels, levels[1:]):
-        assert samples <= outer_n < samples + 2 * LEVEL_RATIO
-        assert (outer_n - 1) * outer_cell_m >= 2.0 * (n - 1) * cell_m
-        corner = 0.5 * (n - 1) * cell_m
-        axis = nest.axis_m(outer_n, outer_cell_m)
-        assert np.abs(axis - corner).min() < 1e-9
-
-
 def test_origin_is_at_height_zero():
     assert abs(worlds.world().height_at((0.0, 0.0))) < 1e-6
 

@@ -134,68 +134,6 @@ def test_the_sheet_shows_numbers_above_diameters(sheet):
     np.testing.assert_allclose(sun, [[-110.0, 12.0]])
 
 
-def test_the_maps_of_the_sheet(sheet):
-    """Ground, heights, slope, albedo and surroundings, to scale, with outlines and rocks."""
-    world, figure = sheet
-    maps = {axes.get_title().split(',')[0].split(';')[0]: axes for axes in figure.axes
-            if axes.images}
-    half, light = world.ground.half_extent_m, shade.with_rocks(world)
-    shown = {'height': world.ground.heights_m, 'albedo factor': world.albedo,
-             f'slope over {world.ground.cell_m:g} m': shade.slope_deg(world.ground.heights_m,
-                                                                      world.ground.cell_m),
-             'ground': (shade.shaded(light, world.ground.cell_m, 250.0, 12.0)
-                        * world.albedo)**0.6}
-    for title, values in shown.items():
-        image = maps[title].images[0]
-        assert image.get_extent() == [-half, half, -half, half] and image.origin == 'lower'
-        np.testing.assert_allclose(image.get_array(), values, rtol=1e-6)
-    assert len(maps['height'].collections) > 0          # lines of equal height
-    large = world.rocks.diameter_m >= 0.15
-    marks = maps['albedo factor'].collections[0].get_offsets() if large.any() else []
-    np.testing.assert_allclose(marks, world.rocks.position_m[large, :2])
-    around = maps['surroundings']
-    last = world.levels[-1]
-    assert around.images[0].get_extent()[1] == last.half_extent_m
-    np.testing.assert_allclose(
-        around.images[0].get_array(),
-        shade.shaded(last.heights_m, last.cell_m, 250.0, 12.0)**0.6, rtol=1e-6)
-    for line, level in zip(around.lines, world.levels[:-1], strict=True):
-        h = level.half_extent_m
-        corners = line.get_xydata()
-        assert {tuple(c) for c in corners.tolist()} == {(-h, -h), (h, -h), (h, h), (-h, h)}
-        assert len(corners) == 5 and (corners[0] == corners[-1]).all()
-        assert np.abs(np.diff(corners, axis=0)).sum(axis=1) == pytest.approx([2.0 * h] * 4)
-    horizon = next(axes for axes in figure.axes if axes.get_title().startswith('horizon'))
-    azimuth = np.linspace(-180.0, 180.0, 721)
-    line = shade.horizon_deg(world, azimuth)
-    ground = horizon.collections[0].get_paths()[0].vertices
-    assert ground[:, 1].min() == pytest.approx(min(line.min(), 0.0) - 1.0)
-    assert ground[:, 1].max() == pytest.approx(line.max())
-    assert world.hash[:12] in figure.get_suptitle()
-    assert f'{len(world.rocks)} rocks' in figure.get_suptitle()
-
-
-def test_pictures_stand_below_the_maps():
-    grid = HeightGrid(np.zeros((65, 65), np.float32), 0.1)
-    world = World((grid,), np.ones((65, 65), np.float32), flat_world([], []).rocks, (),
-                  WorldConfig(), '')
-    picture = np.arange(12, dtype=np.uint8).reshape(3, 4)
-    plain = map_sheet.sheet(world)
-    below = map_sheet.sheet(world, views=[('one', picture), ('two', picture.astype(np.uint16))])
-    assert len(below.axes) - len(plain.axes) == 4
-    assert below.get_figheight() > plain.get_figheight()
-    for axes, name, full in zip((a for a in below.axes if a.get_title() in ('one', 'two')),
-                                ('one', 'two'), (255, 65535)):
-        assert axes.get_title() == name and axes.images[0].get_clim() == (0, full)
-        np.testing.assert_array_equal(axes.images[0].get_array(), picture)
-        assert not axes.axison
-    # Level ground has no lines of equal height, and nothing to say of craters and rocks.
-    height = next(axes for axes in plain.axes if axes.get_title() == 'height')
-    assert len(height.collections) == 0
-    told = [text.get_text() for axes in plain.axes for text in axes.texts]
-    assert told.count('none') == 2
-
-
 @pytest.mark.parametrize(('samples', 'shown'), [(1025, 1025), (2051, 684)])
 def test_maps_of_large_worlds_leave_samples_out(samples, shown):
     """At most 1,025 of them are drawn along a side, evenly spaced over the whole of it."""

@@ -8,9 +8,7 @@ from scipy.sparse.linalg import spsolve
 
 from lunar_rover_sim.ground.world import levels as nest
 from lunar_rover_sim.ground.world import spline
-from lunar_rover_sim.ground.world.config import LEVEL_RATIO, WorldConfig
 from lunar_rover_sim.ground.world.fill import harmonic_fill, plate_fill
-from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.spline import Area
 
 # Eight samples beyond the ends stand for all: a spline forgets by sqrt(3) - 2 a sample.
@@ -72,59 +70,6 @@ def test_the_spline_of_a_place_is_the_same_in_all_areas(ratio):
         np.testing.assert_array_equal(part, whole[row:row + shape[0], column:column + shape[1]])
     with pytest.raises(ValueError, match='is not within'):
         spline.refined(wide, (0, 0), (1000, 1000), ratio)
-
-
-@pytest.mark.parametrize('size_m,cell_m,extent_m,samples', [
-    (51.2, 0.025, 1000.0, 2049), (12.8, 0.025, 1000.0, 257), (204.8, 0.025, 3000.0, 65),
-    (8.0, 0.5, 100.0, 100), (16.0, 0.5, 8.0, 257), (16.0, 0.5, 8.1, 65)])
-def test_levels_grow_until_they_cover_the_surroundings(size_m, cell_m, extent_m, samples):
-    """By eight cells to one; at least twice as wide as the one within; corners meet."""
-    config = WorldConfig.from_mapping({'size_m': size_m, 'cell_m': cell_m, 'surroundings': {
-        'extent_m': extent_m, 'samples': samples}})
-    levels = nest.plan(config)
-    half = [0.5 * (n - 1) * cell for n, cell in levels]
-    assert levels[0] == (round(size_m / cell_m) + 1, cell_m)
-    assert half[-1] >= extent_m and all(h < extent_m for h in half[:-1])
-    for (n, cell), (outer_n, outer_cell) in zip(levels, levels[1:]):
-        assert outer_cell == cell * LEVEL_RATIO
-        assert (outer_n - 1) % (2 * LEVEL_RATIO) == 0
-        least = max(samples, 2 * (n - 1) // LEVEL_RATIO + 1)
-        assert least <= outer_n < least + 2 * LEVEL_RATIO
-        assert (outer_n - 1) * outer_cell >= 2.0 * (n - 1) * cell
-
-
-@pytest.mark.parametrize('n', [9, 65, 241, 1025])
-def test_detail_fades_out_towards_the_border(n):
-    """Over 60 cells, or a quarter of a small level, without a kink, alike at both ends."""
-    weight = nest.fade(n)
-    band = min(60.0, (n - 1) / 4)
-    edge = np.minimum(np.arange(n), n - 1 - np.arange(n)) / band
-    expected = np.where(edge < 1.0, 3.0 * edge**2 - 2.0 * edge**3, 1.0)
-    np.testing.assert_allclose(weight, expected, atol=1e-6)
-
-
-def test_a_level_meets_its_parent_at_its_border_and_keeps_its_middle():
-    rng = np.random.default_rng(3)
-    parent = HeightGrid(rng.normal(size=(41, 41)).astype(np.float32), 2.0)
-    heights = rng.normal(size=(129, 129)).astype(np.float32)
-    fitted = heights.copy()
-    nest.fit_border(fitted, 0.25, parent)
-    axis = nest.axis_m(129, 0.25)
-    coarse = parent.height_at(np.stack(np.meshgrid(axis, axis), axis=-1))
-    weight = np.outer(nest.fade(129), nest.fade(129))
-    np.testing.assert_allclose(fitted, coarse + weight * (heights - coarse), atol=1e-5)
-    closed = heights.copy()
-    nest.close_seam(closed, 0.25, parent)
-    for edge in (0, -1):
-        np.testing.assert_allclose(closed[edge], coarse[edge], atol=1e-6)
-        np.testing.assert_allclose(closed[:, edge], coarse[:, edge], atol=1e-6)
-    np.testing.assert_array_equal(closed[1:-1, 1:-1], heights[1:-1, 1:-1])
-    shown = parent.heights_m.copy()
-    nest.embed(shown, heights)
-    inner = heights[::8, ::8]
-    np.testing.assert_array_equal(shown[13:28, 13:28], inner[1:-1, 1:-1])
-    shown[13:28, 13:28] = parent.heights_m[13:28, 13:28]
-    np.testing.assert_array_equal(shown, parent.heights_m)
 
 
 def laplacian(ny, nx):

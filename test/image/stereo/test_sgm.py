@@ -13,7 +13,6 @@ from lunar_rover_sim.image.stereo.config import SgmConfig
 from lunar_rover_sim.image.stereo.depth import (depth_from_disparity, disparity_from_depth,
                                                 DisparityMap)
 from lunar_rover_sim.image.stereo.sgm import refined, SgmMatcher, unexplained
-from lunar_rover_sim.image.stereo.sky import sky
 from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -331,21 +330,6 @@ def test_ground_without_contrast_has_no_disparity(contrast, kept):
     assert valid.mean() > 0.8 if kept else valid.mean() < 0.2
 
 
-def test_the_window_holds_every_pixel_that_can_be_matched():
-    """A block of 7: 3 px at each edge, and on the left the least disparity looked for."""
-    left, right = pair(0)
-    matcher = SgmMatcher(SgmConfig(num_disparities=64, block_size=7))
-    assert matcher.match(left, right).valid_window == (3, 3, 320 - 6, 160 - 6)
-    shifted = SgmMatcher(SgmConfig(num_disparities=64, block_size=7, min_disparity=4))
-    disparity = shifted.match(left, right)
-    assert disparity.valid_window == (7, 3, 320 - 7 - 3, 160 - 6)
-    assert (disparity.min_disparity_px, disparity.max_disparity_px) == (4.0, 67.0)
-    assert disparity.disparity_px.min() == 3.0 and disparity.delta_d_px == 1.0 / 16.0
-    inside = np.s_[3:160 - 3, 7:320 - 3]
-    error = np.abs(disparity.disparity_px - 12.0)[inside][disparity.valid[inside]]
-    assert error.max() < 0.75 and np.mean(error > 0.25) < 2e-3
-
-
 def test_the_narrowest_image_for_a_range():
     """Wider than the range by one column is enough."""
     images = [np.zeros((40, 65), np.uint8)] * 2
@@ -409,19 +393,6 @@ def test_nothing_but_sky_with_the_sun_and_nothing_of_it():
     maps = [SgmMatcher(SgmConfig(num_disparities=64, find_sky=find)).match(left[130:], right[130:])
             for find in (True, False)]
     assert np.array_equal(*(m.valid for m in maps))
-
-
-@pytest.mark.parametrize('noise,beside,even', [
-    (0.0, 0.5, True), (0.0, 1.0, False), (1.0, 1.5, True), (1.0, 2.0, False), (2.0, 2.0, True),
-    (2.0, 2.5, False)])
-def test_what_varies_by_1_6_times_the_noise_of_the_upper_rows_is_no_sky(noise, beside, even):
-    """Chequers, whose deviation is half of their step; noise counts as 0.5 to 1.35 levels."""
-    v, u = np.mgrid[:80, :200]
-    step = np.where(u < 120, noise, beside)
-    image = (60.0 + np.where((u + v) % 2, step, -step) + step % 1.0).astype(np.uint8)
-    found = sky(image, np.zeros(image.shape, np.float32), np.zeros(image.shape, bool))
-    # Beyond what is alike in brightness beside the sky, which is added up to eight pixels.
-    assert found[:, :100].all() and (found[:, 145:190] == even).all()
 
 
 def test_detail_that_is_all_alike_is_explained_and_other_detail_is_not():
