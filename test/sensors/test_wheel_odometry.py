@@ -101,6 +101,35 @@ def test_the_covariance_is_that_of_random_ways():
     np.testing.assert_allclose(np.corrcoef(error.T), stated, atol=0.12)
 
 
+def test_a_step_adds_its_errors_to_those_of_before():
+    """By the derivatives of a pose that goes on along its mean heading, however far it turns."""
+    rolling = Rolling(1.1, 0.9, 0.05, 0.03, 0.2)
+    odometry, feet = WheelOdometry(ROVER, FINE, rolling), RollingFeet(ROVER, FINE)
+    rng = np.random.default_rng(3)
+    angles, pose, covariance = np.zeros(4), np.zeros(3), np.zeros((3, 3))
+    for _ in range(6):
+        angles = angles + rng.uniform(0.2, 2.0, 4)
+        odometry.add(angles, 0.01)
+        rolled = feet.add(angles)
+        ways = np.array([1.1 * rolled.forward_m, 0.0, 0.9 * rolled.yaw_rad])
+
+        def reached(before_and_ways):
+            x, y, heading, along, across, turned = before_and_ways
+            middle = heading + 0.5 * turned
+            return np.array([x + math.cos(middle) * along - math.sin(middle) * across,
+                             y + math.sin(middle) * along + math.cos(middle) * across,
+                             heading + turned])
+
+        at, apart = np.concatenate([pose, ways]), 1e-6 * np.eye(6)
+        slopes = np.column_stack([(reached(at + d) - reached(at - d)) / 2e-6 for d in apart])
+        variance = rolled.way_m * np.array([0.05, 0.03, 0.2])**2
+        covariance = (slopes[:, :3] @ covariance @ slopes[:, :3].T
+                      + slopes[:, 3:] * variance @ slopes[:, 3:].T)
+        pose = reached(at)
+        np.testing.assert_allclose(odometry.pose, pose, atol=1e-12)
+        np.testing.assert_allclose(odometry.covariance, covariance, atol=1e-9)
+
+
 def test_each_ground_has_its_own_way_to_roll():
     """What is given counts; what is not is that of the ground, and of `highland` elsewhere."""
     highland = Rolling.of(WheelOdometryConfig(), 'highland')

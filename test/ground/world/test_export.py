@@ -164,6 +164,17 @@ def test_shadow_ends_where_it_should():
     assert not dark[axis > 0.25].any()
 
 
+def test_slope_and_horizon_of_a_plane():
+    world = worlds.small(**worlds.BARE)
+    assert np.allclose(shade.horizon_deg(world, [0.0, 90.0], 0.3), 0.0, atol=0.05)
+    axis = np.arange(65.0) - 32.0
+    tilted = HeightGrid((0.1 * axis)[None].repeat(65, 0).astype(np.float32), 1.0)
+    assert np.allclose(shade.slope_deg(tilted.heights_m, 1.0), np.degrees(np.arctan(0.1)))
+    # Along x and y together: half the squared slope.
+    assert shade.rms_slope_deg(tilted, 4.0) == pytest.approx(
+        np.degrees(np.arctan(0.1 / np.sqrt(2.0))))
+
+
 @pytest.mark.parametrize('samples,kept', [(257, 257), (513, 513), (769, 385), (1025, 513)])
 def test_ground_is_thinned_out_to_513_samples_along_a_side(samples, kept):
     """Around it too, where nothing lies below the ground."""

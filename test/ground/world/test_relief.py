@@ -9,7 +9,7 @@ import worlds
 
 from lunar_rover_sim.base.errors import WorldError
 from lunar_rover_sim.ground.world import craters
-from lunar_rover_sim.ground.world.config import CraterConfig, ReliefConfig
+from lunar_rover_sim.ground.world.config import CraterConfig, ReliefConfig, WorldConfig
 from lunar_rover_sim.ground.world.craters import Craters
 from lunar_rover_sim.ground.world.relief import spectrum, structure_function
 from lunar_rover_sim.ground.world.shade import rms_slope_deg
@@ -166,6 +166,18 @@ def test_many_degraded_craters_and_few_fresh_ones():
     assert 0.01 < np.mean(depth > 0.85 * config.fresh_depth) < 0.1
 
 
+def test_profile_from_fresh_to_old():
+    config = CraterConfig()
+    table = craters.profile_table(config)
+    assert table.depth[0] == pytest.approx(0.2, abs=1e-6)    # Pike (1977)
+    assert table.rim[0] == pytest.approx(0.04, abs=1e-6)
+    assert table.depth[-1] == pytest.approx(config.oldest_depth, abs=0.003)
+    assert np.all(np.diff(table.depth) < 0.0) and np.all(np.diff(table.steepest) < 1e-9)
+    # Diffusion moves soil and makes none: ring volumes stay, up to what tapers off at the reach.
+    volume = (table.heights * craters.RADII).sum(axis=1) * craters.RADII[1]
+    assert np.ptp(volume) < 0.012
+
+
 def test_the_younger_crater_lies_on_top():
     config = dataclasses.replace(CraterConfig(), irregularity=0.0)
     position = np.array([[-1.5, 0.0], [1.5, 0.0]])
@@ -196,7 +208,21 @@ def test_the_younger_crater_lies_on_top():
     assert np.abs(rest).max() < 0.06
 
 
+def test_small_old_craters_do_not_survive_within_young_large_ones():
+    coarser = Craters(np.zeros((1, 2)), np.array([10.0]), np.array([0.001]), np.zeros(1, np.int32))
+    fine = Craters(np.array([[1.0, 0.0], [1.0, 1.0], [30.0, 0.0]]), np.full(3, 2.0),
+                   np.array([0.9, 0.01, 0.9]), np.zeros(3, np.int32))
+    kept = craters.survivors(fine, coarser)
+    assert kept.age.tolist() == [0.01, 0.9] and kept.position_m[1, 0] == 30.0
+
+
 def test_too_many_craters_are_refused():
     config = CraterConfig(slope=4.0)
     with pytest.raises(WorldError, match=r'raise world.craters.min_'):
         craters.populate(config, 25.6, 0.15, 1.6, 0, np.random.default_rng(0))
+
+
+def test_crater_density_zero_means_none():
+    config = WorldConfig.from_mapping(FREE).craters
+    rng = np.random.default_rng(0)
+    assert len(craters.populate(config, 100.0, 0.1, 10.0, 0, rng)) == 0

@@ -16,6 +16,18 @@ from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.shapes import library
 
 
+def test_rock_numbers_read_back():
+    world = worlds.world()
+    config, area = world.config.rocks, world.config.size_m ** 2
+    diameter = world.rocks.diameter_m
+    for edge in np.geomspace(0.03, 2.0, config.size_classes + 1)[:-6:3]:
+        expected = float(rockfield.number_per_m2(config, edge)) * area
+        # Poisson; a few of a crowd find no place.
+        assert abs((diameter > edge).sum() - expected) < 4.0 * np.sqrt(expected) + 0.02 * expected
+    assert 1500 < len(diameter) < 2500
+    assert len(world.rocks.size_classes_m) <= 32
+
+
 def test_rock_area_is_that_of_the_published_law():
     # F(>D) = k exp(-q D): the area of all rocks above 0.1 m, from the numbers.
     config = RockConfig()
@@ -60,6 +72,23 @@ def test_rocks_do_not_overlap_or_block_the_start():
     np.fill_diagonal(gap, np.inf)
     assert np.all(gap >= 0.45 * (diameter[:, None] + diameter[None]) - 1e-9)
     assert np.all(np.abs(xy).max(axis=1) <= world.ground.half_extent_m)
+
+
+def test_rocks_gather_around_fresh_craters():
+    world = worlds.small(craters={'density': 0.2, 'age_exponent': 0.1, 'min_diameter_m': 2.0,
+                                  'max_diameter_m': 3.0},
+                         rocks={'abundance': 0.02, 'near_craters': 30.0})
+    xy = world.rocks.position_m[:, :2]
+    fresh = world.craters.select((world.craters.age < 0.1)
+                                 & (np.abs(world.craters.position_m).max(axis=1) < 6.0))
+    assert len(fresh)
+    nearest = np.min(np.linalg.norm(xy[:, None] - fresh.position_m, axis=-1)
+                     / (0.5 * fresh.diameter_m), axis=1)
+    rng = np.random.default_rng(0)
+    uniform = rng.uniform(-6.4, 6.4, (20000, 2))
+    chance = np.min(np.linalg.norm(uniform[:, None] - fresh.position_m, axis=-1)
+                    / (0.5 * fresh.diameter_m), axis=1)
+    assert np.mean(nearest < 1.6) > 1.5 * np.mean(chance < 1.6)
 
 
 def test_where_there_would_be_too_many_the_smallest_are_left_out():

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from lunar_rover_sim.base.frames import inverse, se3
 from lunar_rover_sim.image.camera.flow import FlowModel, Moved
 from lunar_rover_sim.image.camera.hazard import HazardConfig, HazardMount
-from lunar_rover_sim.image.camera.motion import CameraTwist
+from lunar_rover_sim.image.camera.motion import CameraTwist, ground_twist, leg_twists
 from lunar_rover_sim.image.camera.mount import BodyMount, MovingMount, TurnedMount
 from lunar_rover_sim.rover.description import RoverDescription
 
@@ -50,6 +50,17 @@ def assert_is_motion(twist, camera_at, link_at):
     turn = Rotation.from_matrix(before[:3, :3].T @ after[:3, :3]).as_rotvec() / (2.0 * STEP_S)
     np.testing.assert_allclose(twist.linear_velocity_mps, velocity, atol=1e-7)
     np.testing.assert_allclose(twist.angular_velocity_radps, turn, atol=1e-7)
+
+
+def test_a_camera_on_the_body_moves_over_the_ground():
+    assert_is_motion(ground_twist(STATE, ON_BODY), lambda t: base_at(t) @ ON_BODY,
+                     lambda t: np.eye(4))
+
+
+@pytest.mark.parametrize('leg', range(4))
+def test_legs_turn_before_a_camera_on_the_body(leg):
+    assert_is_motion(leg_twists(STATE, ON_BODY, ROVER)[leg], lambda t: base_at(t) @ ON_BODY,
+                     lambda t: leg_at(leg, t))
 
 
 def test_cameras_on_the_body_by_their_mount():

@@ -125,6 +125,15 @@ def test_a_perfect_lens_changes_nothing():
     np.testing.assert_array_equal(passed(config, images, sun_at(1.0, 1.0)), images)
 
 
+@pytest.mark.parametrize('exponent', [1.2, 1.55, 2.0, 3.0])
+def test_all_directions_share_what_is_scattered(exponent):
+    lens = Lens(LensConfig(scatter_exponent=exponent), CAMERA)
+    d = np.geomspace(1e-7, 1.0, 200001)
+    total = np.trapezoid(2.0 * np.pi * d * lens.scatter(d), d) if hasattr(np, 'trapezoid') \
+        else np.trapz(2.0 * np.pi * d * lens.scatter(d), d)
+    assert total == pytest.approx(lens.config.scatter_share, rel=1e-3)
+
+
 def test_scattered_sunlight_ends_nowhere_in_the_image():
     """The sun stands beyond the edge, 0.4 to 1.4 from the directions of a row of dark sky."""
     sun = sun_at(-200.0, 100.0)
@@ -147,6 +156,18 @@ def test_the_default_lens_is_the_measured_one():
         measured = 1.1503e19 * np.exp(-51.9673 * r**0.0271011) / 97.8896 * (1936.0 / 640.0)**2
         ours = lens.scatter(radius / lens.camera.focal_px) / lens.camera.focal_px**2
         assert ours == pytest.approx(measured, rel=0.4)
+
+
+def test_the_hood_cuts_smoothly():
+    lens = Lens(LensConfig(hood_deg=12.0), CAMERA)
+    edge = np.arctan2(0.5 * CAMERA.width, CAMERA.focal_px)
+    angles = edge + np.radians(np.linspace(-5.0, 20.0, 251))
+    shares = np.array([lens.hood(np.array([np.sin(a), 0.0, np.cos(a)])) for a in angles])
+    assert np.all(shares[angles <= edge] == 1.0)
+    assert np.all(shares[angles > edge + np.radians(12.01)] == 0.0)
+    assert np.all(np.diff(shares) <= 0.0) and np.abs(np.diff(shares)).max() < 0.02
+    sharp = Lens(LensConfig(hood_deg=0.0), CAMERA)
+    assert sharp.hood(np.array([np.sin(edge + 1e-6), 0.0, np.cos(edge + 1e-6)])) == 0.0
 
 
 WIDE = CameraConfig(width=300, height=200, horizontal_fov_deg=80.0)

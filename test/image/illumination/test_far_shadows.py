@@ -20,6 +20,28 @@ def sun(azimuth_deg, elevation_deg):
     return SunGeometry.towards(sun_direction(azimuth_deg, elevation_deg))
 
 
+@pytest.mark.parametrize('cell_m', [0.2, 0.4])
+@pytest.mark.parametrize('elevation_deg', [3.0, 15.0])
+@pytest.mark.parametrize('azimuth_deg', [30.0, 230.0])
+def test_a_patch_of_the_right_length_and_area(cell_m, elevation_deg, azimuth_deg):
+    """A box of 0.4 m height, shadow length h / tan e, although cells are as wide as the box."""
+    s = sun(azimuth_deg, elevation_deg)
+    height, half = 0.4, 0.2
+    shape = scene.block(half=(half, half, 0.5 * height))
+    outline = rock_shadow.silhouettes(scene.rocks([(0.3, 0.1, 0.5 * height)]), (shape,), s)
+    grid = HeightGrid(np.zeros((129, 129), np.float32), cell_m)
+    share = rock_shadow.share(grid, outline, s, 0.0) / 255.0
+    axis = (np.arange(129) - 64) * cell_m
+    back = -((axis[None, :] - 0.3) * s.direction_xy[0]
+             + (axis[:, None] - 0.1) * s.direction_xy[1])
+    length = height / np.tan(np.radians(elevation_deg))
+    width = 2.0 * outline.half_width[0] * 0.8       # of a body with the mean outline of rocks
+    assert share.sum() * cell_m**2 == pytest.approx((length + half) * width, rel=0.2)
+    dark = share.max(axis=None) * 0.25
+    assert back[share > dark].max() == pytest.approx(length, abs=2.0 * cell_m + half)
+    assert np.all(share[back < -2.0 * cell_m] == 0.0)
+
+
 @pytest.mark.parametrize('elevation_deg', [6.0, 15.0, 40.0])
 @pytest.mark.parametrize('azimuth_deg', [0.0, 90.0, 180.0, 270.0])
 def test_a_share_adds_up_to_the_rectangle_that_is_shaded(azimuth_deg, elevation_deg):
@@ -50,6 +72,30 @@ def test_shadows_over_one_another_are_no_darker_than_one():
         scene.rocks([(0.3, 0.1, 0.4)] * count), (shape,), s), s, 0.0) for count in (1, 3))
     assert one.max() == 255
     np.testing.assert_allclose(three, np.minimum(3.0 * one, 255.0), atol=1.0)
+
+
+def test_area_of_many_real_shapes_agrees_with_that_of_their_outlines():
+    """Rocks of 0.3 to 1 m on 1.6 m cells, against outlines drawn on a fine grid."""
+    s, shapes = sun(40.0, 8.0), library()
+    rng = np.random.default_rng(2)
+    m = 60
+    sizes = np.array([0.3, 0.6, 1.0])
+    size = rng.integers(0, 3, m).astype(np.int32)
+    turn = rng.standard_normal((m, 4)) * [0.0, 0.0, 0.0, 1.0] + [1.0, 0.0, 0.0, 0.0]
+    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+    xy = (np.stack(np.meshgrid(np.arange(8), np.arange(8)), -1).reshape(-1, 2)[:m] - 3.5) * 12.0
+    rocks = Rocks(rng.integers(0, len(shapes), m).astype(np.int32), size,
+                  np.column_stack([xy, 0.15 * sizes[size]]), turn, np.ones(m, np.float32), sizes)
+    outlines = rock_shadow.silhouettes(rocks, shapes, s)
+    coarse = HeightGrid(np.zeros((65, 65), np.float32), 1.6)
+    fine = HeightGrid(np.zeros((2049, 2049), np.float32), 0.05)
+    areas = [rock_shadow.share(grid, outlines, s, 0.0).sum() / 255.0 * grid.cell_m**2
+             for grid in (coarse, fine)]
+    clearance = np.full((2049, 2049), 1.0, np.float32)
+    rock_shadow.stamp(clearance, np.full_like(clearance, 100.0), fine, outlines, s)
+    true = np.count_nonzero(clearance < 0.0) * fine.cell_m**2
+    assert areas[0] == pytest.approx(true, rel=0.2)
+    assert areas[1] == pytest.approx(true, rel=0.2)
 
 
 @pytest.mark.parametrize('azimuth_deg', [0.0, 130.0, 250.0])
@@ -153,6 +199,40 @@ def meets(points, direction, piece):
     enter = np.where(towards < 0.0, crossing, -np.inf).max(axis=1)
     leave = np.where(towards > 0.0, crossing, np.inf).min(axis=1)
     return np.maximum(enter, 0.0) < leave
+
+
+@pytest.mark.parametrize('azimuth_deg,elevation_deg', [(0.0, 10.0), (75.0, 3.0), (200.0, 40.0),
+                                                       (310.0, 85.0)])
+def test_axes_of_the_sun_are_square_and_look_at_it(azimuth_deg, elevation_deg):
+    s = sun_from(azimuth_deg, elevation_deg)
+    axes = rock_shadow.sun_axes(s)
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+    e = s.elevation_rad
+    np.testing.assert_allclose(axes[2], [*(np.cos(e) * s.direction_xy), np.sin(e)], atol=1e-12)
+    # The first is level, the second points up as far as it can.
+    assert axes[0, 2] == 0.0 and axes[1, 2] == pytest.approx(np.cos(e))
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize('azimuth_deg,elevation_deg', [(20.0, 6.0), (250.0, 50.0)])
+def test_outlines_are_the_convex_hulls_of_the_projected_corners(azimuth_deg, elevation_deg):
+    rocks = some_rocks(24)
+    found = rock_shadow.silhouettes(rocks, LIBRARY, sun_from(azimuth_deg, elevation_deg))
+    rng = np.random.default_rng(1)
+    assert len(found.owner) > len(rocks) and set(found.owner) == set(range(len(rocks)))
+    for k, i in enumerate(found.owner):
+        whole = np.concatenate(pieces(rocks, i)) @ found.axes.T
+        flat = pieces(rocks, i)[k - np.searchsorted(found.owner, i)] @ found.axes.T
+        hull = ConvexHull(flat[:, :2])
+        points = flat[:, :2].mean(axis=0) + rng.uniform(-0.8, 0.8, (200, 2))
+        expected = (points @ hull.equations[:, :2].T + hull.equations[:, 2]).max(axis=1)
+        distance = found.distance(np.full(200, k), *points.T.astype(np.float32))
+        np.testing.assert_allclose(distance, expected, atol=2e-5)
+        centre = rocks.position_m[i] @ found.axes.T
+        np.testing.assert_allclose(found.centre[k], centre, atol=1e-9)
+        assert found.top[k] == pytest.approx(whole[:, 1].max(), abs=1e-6)
+        assert found.half_width[k] == pytest.approx(np.abs(whole[:, 0] - centre[0]).max(),
+                                                    abs=1e-6)
 
 
 @pytest.mark.parametrize('azimuth_deg, elevation_deg', [

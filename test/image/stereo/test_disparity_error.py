@@ -82,3 +82,61 @@ def test_errors_are_counted_above_one_and_two_pixels():
     # What is off by more than the bins reach is in the last one.
     far = judged(even(128), np.full_like(disparity, TRUTH + 4.5))
     assert len(far.signed_counts) == 512 and far.signed_counts[-1] == far.matched
+
+
+@pytest.mark.parametrize('least,kind,block', [(-2.0, np.uint8, 7), (3.0, np.uint16, 5)])
+def test_each_pixel_counts_for_the_first_cause_that_applies(least, kind, block):
+    """Pixel by pixel, of maps and images that have all causes; some errors lie at a bound."""
+    rng, (h, w) = np.random.default_rng(5), (40, 60)
+    truth, right = np.ceil(rng.uniform(-2.0, 80.0, (2, h, w))) / 4.0
+    found = (truth + rng.integers(-20, 21, (h, w)) / 8.0).astype(np.float32)
+    found[rng.random((h, w)) < 0.6] = least - 1.0
+    shown = DisparityMap(found, least, 15.0, 0.0625, (4, 3, w - 9, h - 5))
+    level = np.repeat(np.repeat([[4, 22, 60, 120], [200, 245, 90, 12]], h // 2, 0), w // 4, 1)
+    image = np.clip(level + rng.integers(-12, 13, (h, w)) * (np.arange(h)[:, None] % 20 < 10), 0,
+                    255)
+    image[rng.random((h, w)) < 0.35 * (level > 110)] = 255
+    image = image.astype(kind) * (np.iinfo(kind).max // 255)
+    if kind is np.uint16:
+        image = np.stack([image, image // 2, image], axis=-1)
+    light = image.reshape(h, w, -1).mean(axis=2) / np.iinfo(kind).max
+    blocks = np.lib.stride_tricks.sliding_window_view(np.pad(light, block // 2, 'reflect'),
+                                                      (block, block)).reshape(h, w, -1)
+    count = dict.fromkeys((field.name for field in dataclasses.fields(StereoErrors)), 0)
+    signed = []
+    for v, u in np.ndindex(h, w):
+        true = truth[v, u]
+        if not max(least, 0.25) <= true <= min(15.0, u):
+            continue
+        dark = blocks[v, u].mean() < 0.08
+        count['ground'] += 1
+        count['lit'] += not dark
+        if found[v, u] >= least:
+            signed.append(found[v, u] - true)
+            count['lit_matched'] += not dark
+        elif not (4 <= u < w - 5 and 3 <= v < h - 2):
+            count['margin'] += 1
+        elif right[v, round(u - true)] > true + 1.0:
+            count['occluded'] += 1
+        elif dark:
+            count['shadowed'] += 1
+        elif (blocks[v, u] >= 1.0).mean() > 1.0 / 3.0:
+            count['saturated'] += 1
+        elif blocks[v, u].std() < 0.012:
+            count['flat'] += 1
+    error = np.abs(signed)
+    count |= {'matched': len(error), 'bad1': (error > 1.0).sum(), 'bad2': (error > 2.0).sum(),
+              'error_sum_px': error.sum(), 'error_squared_px': (error ** 2).sum(),
+              'signed_sum_px': np.sum(signed),
+              'signed_counts': tuple(np.histogram(signed, 512, (-4.0, 4.0))[0])}
+    errors = stereo_errors(shown, truth.astype(np.float32), right.astype(np.float32), image,
+                           block_px=block)
+    assert errors == StereoErrors(**count)
+    assert min(count['bad2'], *(count[name] for name in (
+        'margin', 'occluded', 'shadowed', 'flat'))) > 5 and (count['saturated'] > 5
+                                                             or image.ndim == 3)
+    double = errors + errors
+    assert double == StereoErrors(**{name: tuple(2 * np.array(value)) if isinstance(value, tuple)
+                                     else 2 * value for name, value in count.items()})
+    assert double.median_px == errors.median_px \
+        == pytest.approx(np.median(signed), abs=1.0 / 64.0)

@@ -192,3 +192,13 @@ def test_the_duty_factor_keeps_its_bounds_whatever_the_turn():
         shape = GaitConfig(duty_factor=duty, stance_smoothing=0.0).shaping()
         np.testing.assert_allclose(command.angle_rad[legs], shape.angle(command.phase[legs]),
                                    atol=1e-9)
+
+
+def test_a_command_holds_to_the_end_of_its_time_and_no_longer():
+    config = GaitConfig(cmd_timeout_s=0.5)
+    controller = GaitController(config)
+    controller.set_stride(Stride(1.0), 1_000_000_000)
+    controller.update(1_500_000_000, np.zeros(4), np.zeros(4))
+    assert not controller.stride.stands
+    controller.update(1_500_000_001, np.zeros(4), np.zeros(4))
+    assert controller.stride.stands

@@ -60,6 +60,17 @@ def test_legs_that_stand_in_their_places_start_in_step(offsets, clock, direction
     np.testing.assert_allclose(phases[-1] - start, np.array(directions) * 2.75, atol=0.05)
 
 
+@pytest.mark.parametrize('offsets', [CRAWL, RIPPLE, UNEVEN])
+@pytest.mark.parametrize('seed', range(4))
+def test_any_start_is_drawn_into_any_gait_array(offsets, seed):
+    rng = np.random.default_rng(seed)
+    directions = rng.choice([-1, 1], 2)
+    stride = Stride(0.8, 0.0, *map(float, directions))
+    _, phases, _ = walked(rng.uniform(-3.0, 3.0, 4), config(offsets), stride, 8.0)
+    error = out_of_step(phases[-200:], [*directions, *directions], offsets)
+    assert np.abs(error).max() < 1e-3
+
+
 def test_the_clock_runs_at_the_rate_that_is_asked_for():
     """Once in step, every leg makes rate cycles a second, and reaches it at the acceleration."""
     gait = config(CRAWL, phase_acceleration_hzps=1.6)
@@ -95,6 +106,20 @@ def test_rates_stay_within_their_bounds_while_legs_are_drawn():
     assert rates.min() >= 0.0 and drawn[-1] == pytest.approx(np.ones(4), abs=0.01)
 
 
+def test_a_late_leg_hurries_and_an_early_one_waits():
+    """A tenth of a cycle off at gain 2: at first a fifth of a hertz more, or less."""
+    gait = config(CRAWL, phase_gain=2.0, phase_acceleration_hzps=100.0)
+    legs = LegPhases(LEGS.on_left)
+    legs.start(CRAWL)
+    for _ in range(200):
+        legs.advance(DT, gait, Stride(1.0), gait.offsets(LEGS))
+    np.testing.assert_allclose(legs.rate, 1.0, atol=0.02)
+    legs.phase[1] -= 0.1
+    legs.phase[2] += 0.1
+    legs.advance(DT, gait, Stride(1.0), gait.offsets(LEGS))
+    np.testing.assert_allclose(legs.rate, [1.0, 1.2, 0.8, 1.0], atol=0.02)
+
+
 @pytest.mark.parametrize('start', [(0.1, -0.2, 0.45, -0.45), (3.3, 7.6, -2.4, -9.9)])
 def test_standing_legs_settle_at_the_nearest_whole_phase(start):
     gait = config(CRAWL, settle_rate_hz=0.3)
@@ -106,6 +131,11 @@ def test_standing_legs_settle_at_the_nearest_whole_phase(start):
     # Near the end what is left falls by exp(-3 t).
     end = np.abs(phases - np.round(start))[(time > 3.0) & (time < 4.0)]
     assert np.all((end[-1] / end[0] < np.exp(-2.7)) & (end[-1] / end[0] > np.exp(-3.3)))
+
+
+def test_a_leg_that_settles_from_far_uses_the_whole_settle_rate():
+    _, _, rates = walked((0.4,) * 4, config(CRAWL, settle_rate_hz=0.3), STAND, 1.0)
+    assert rates.min() == pytest.approx(-0.3)
 
 
 def test_walking_again_finds_a_new_clock():
