@@ -36,7 +36,6 @@ from lunar_rover_sim.rover.description import load_rover, RoverDescription
 from lunar_rover_sim.rover.gait.calibration import GaitCalibration
 from lunar_rover_sim.rover.gait.config import GaitConfig
 from lunar_rover_sim.rover.gait.controller import GaitController, LegCommand
-from lunar_rover_sim.rover.physics.foot_motion import SlipMeter
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
@@ -120,7 +119,8 @@ def walk(case: Case) -> PolicyWalk:
     world = terrain(case.seed, _SIZE_M, False, case.slope_deg)
     try:
         with Simulation(world, rover, physics_of(case.ground)) as simulation:
-            return _measured(case, simulation, Walker(simulation, answer_of(case, rover)))
+            return _measured(case, simulation, Walker(
+                simulation, answer_of(case, rover), _SLIP_EVERY))
     except (ConfigError, PhysicsError) as error:
         return PolicyWalk(case, str(error))
 
@@ -220,9 +220,8 @@ def _place(walked: PolicyWalk) -> str:
 
 
 def _measured(case: Case, simulation: Simulation, walker: Walker) -> PolicyWalk:
-    rover, period_s = simulation.rover, walker.period_s
-    feet, poses = SlipMeter(len(rover.legs.each)), []
-    energy_j = pitch = way_m = turned_rad = 0.0
+    rover, period_s, poses = simulation.rover, walker.period_s, []
+    pitch = way_m = turned_rad = 0.0
     every = round(STATE_HZ / FRAME_HZ)
     outcome = WALKED
     first, last = round(SKIP_S * STATE_HZ), round(DURATION_S * STATE_HZ)
@@ -233,13 +232,12 @@ def _measured(case: Case, simulation: Simulation, walker: Walker) -> PolicyWalk:
         if k > first:
             way_m += period_s * float(state.linear_velocity_mps[0])
             turned_rad += period_s * float(state.angular_velocity_radps[2])
-            energy_j += walker.drawn_j()
             pitch += float(state.angular_velocity_radps[1]) ** 2
-            if k % _SLIP_EVERY == 0:
-                feet.add(simulation.foot_motion, _SLIP_EVERY * period_s)
+        elif k == first:
+            walker.begin()
         if k >= first and k % every == 0:
             poses.append(state.T_world_base)
-    time_s = (last - first) * period_s
+    time_s = walker.periods * period_s
     speed, turned = way_m / time_s, turned_rad / time_s
     if case.forward_mps > 0.0 and speed < _STUCK * case.forward_mps:
         outcome = 'stuck'
@@ -251,8 +249,9 @@ def _measured(case: Case, simulation: Simulation, walker: Walker) -> PolicyWalk:
               / math.hypot(case.forward_mps, _LEVER_M * case.yaw_rate_radps))
     return PolicyWalk(
         case, outcome, speed, turned, missed,
-        energy_j / weight_n / way_m if outcome == WALKED and way_m > 0.0 else _NAN, feet.total,
-        math.sqrt(pitch / (last - first)), _NAN if miss is None else miss.median_px)
+        walker.energy_j / weight_n / way_m if outcome == WALKED and way_m > 0.0 else _NAN,
+        walker.feet.total, math.sqrt(pitch / walker.periods),
+        _NAN if miss is None else miss.median_px)
 
 
 @functools.lru_cache(maxsize=2)

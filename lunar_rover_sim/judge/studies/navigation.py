@@ -187,7 +187,7 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
         waypoints_x_m=(goal_m[0],), waypoints_y_m=(goal_m[1],),
         goal_tolerance_m=nav.goal_tolerance_m), world.ground.half_extent_m)
     eyes = Eyes(scenario, world) if driver == SEEN else None
-    tip, outcome, energy, tilt = TipOver(), TIME_OVER, 0.0, 0.0
+    tip, outcome, tilt = TipOver(), TIME_OVER, 0.0
     path: list[Array] = []
     with Simulation(world, scenario.rover, scenario.physics_node, OneWindow(world)) as simulation:
         controller = scenario.gait_controller()
@@ -219,7 +219,6 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
                 controller.set_velocity(*velocity, state.stamp_ns)
                 state = walker.step()
                 contacts.add(state.stamp_ns * 1e-9)
-                energy += walker.drawn_j()
                 if tip.has_begun(state.orientation_wxyz):
                     outcome = TIPPED
                     break
@@ -233,7 +232,7 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
         path_length(np.array(path)) if len(path) > 1 else 0.0,
         shortest.length_m if shortest is not None and shortest.reaches_goal else math.nan,
         float(np.linalg.norm(state.position_m[:2] - goal_m)), contacts.rocks, contacts.high,
-        contacts.ground, contacts.spokes, navigator.backed_off, energy, tilt,
+        contacts.ground, contacts.spokes, navigator.backed_off, walker.energy_j, tilt,
         np.array(path).reshape(-1, 2).round(3))
 
 

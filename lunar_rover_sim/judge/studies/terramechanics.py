@@ -35,7 +35,6 @@ from lunar_rover_sim.judge.studies.study_folder import (map_in_processes, Progre
 from lunar_rover_sim.judge.studies.walking import (by_gait, DUG_IN, on_ground, sloping_world,
                                                    WALKED, Walker, with_physics)
 from lunar_rover_sim.rover.physics.config import StartPose
-from lunar_rover_sim.rover.physics.foot_motion import SlipMeter
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -122,31 +121,26 @@ def _walk(scenario: Scenario, simulation: Simulation, ground: Ground, speed_mps:
     slope = math.radians(ground.slope_deg)
     uphill = np.array([math.cos(slope), 0.0, math.sin(slope)])
     simulation.apply_force(-ground.pull * weight * uphill)
-    walker, state = Walker(simulation, by_gait(controller)), simulation.state
-    period_s, feet = walker.period_s, SlipMeter(len(scenario.rover.legs.each))
-    begin, energy = state.position_m, 0.0
-    pitch, sinkage = [], [0.0]
-    measured = 0
-    for _ in range(round(duration_s / period_s)):
+    walker, state = Walker(simulation, by_gait(controller), slip_every=1), simulation.state
+    begin, pitch, sinkage = state.position_m, [], [0.0]
+    for _ in range(round(duration_s / walker.period_s)):
         controller.set_velocity(speed_mps, 0.0, state.stamp_ns)
         state = walker.step()
         if state.stamp_ns * 1e-9 <= SKIP_S:
             begin = state.position_m
+            walker.begin()
         else:
-            measured += 1
-            feet.add(simulation.foot_motion, period_s)
-            energy += walker.drawn_j()
             pitch.append(math.degrees(rpy_from_wxyz(state.orientation_wxyz)[1]))
             contact = simulation.ground_contact
             if contact is not None:
                 sinkage.append(float(contact.sinkage_m.max()))
     way = state.position_m - begin
-    distance, time_s = float(way @ uphill), measured * period_s
-    transport = energy / (weight * distance) if distance > 0.01 else math.inf
+    distance, time_s = float(way @ uphill), walker.periods * walker.period_s
+    transport = walker.energy_j / (weight * distance) if distance > 0.01 else math.inf
     return GroundWalk(
         ground, DUG_IN if walker.has_dug_in() else WALKED, distance / time_s,
-        float(way[1]) / time_s, feet.total, transport, energy / time_s, float(np.std(pitch)),
-        float(np.mean(sinkage)), max(sinkage))
+        float(way[1]) / time_s, walker.feet.total, transport, walker.energy_j / time_s,
+        float(np.std(pitch)), float(np.mean(sinkage)), max(sinkage))
 
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(GroundWalk)[2:])

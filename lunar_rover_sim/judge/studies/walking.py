@@ -16,6 +16,7 @@ from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.rocks import Rocks
 from lunar_rover_sim.rover.gait.controller import GaitController, LegCommand
+from lunar_rover_sim.rover.physics.foot_motion import SlipMeter
 from lunar_rover_sim.rover.physics.simulation import Simulation
 from lunar_rover_sim.rover.physics.state import RoverState
 from lunar_rover_sim.run.scenario import Scenario
@@ -105,31 +106,43 @@ def by_gait(controller: GaitController) -> Callable[[RoverState], LegCommand]:
 
 
 class Walker:
-    """A rover that walks, one period of its controller after the other.
+    """A rover that walks, one period of its controller after the other, and what that costs.
+
+    Args:
+        slip_every: Periods after which the feet are looked at; 0 for never.
 
     Attributes:
         period_s: `STATE_PERIOD_S`, in whole steps of the simulation [s].
         legs: The last answer.
+        periods: Number of periods since the start, or since `begin`, as all that follows.
+        energy_j: Drawn from the supply.
+        feet: Their ways.
     """
 
-    def __init__(self, simulation: Simulation,
-                 answer: Callable[[RoverState], LegCommand]) -> None:
-        self._simulation, self._answer = simulation, answer
+    def __init__(self, simulation: Simulation, answer: Callable[[RoverState], LegCommand],
+                 slip_every: int = 0) -> None:
+        self._simulation, self._answer, self._slip_every = simulation, answer, slip_every
         self._steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
         self.period_s = self._steps * simulation.config.step_s
         self.legs: LegCommand
+        self.begin()
+
+    def begin(self) -> None:
+        """Measure from here on."""
+        self.periods, self.energy_j = 0, 0.0
+        self.feet = SlipMeter(len(self._simulation.rover.legs.each))
 
     def step(self) -> RoverState:
         """Answer the state, go on to the next one, and return it."""
         self.legs = self._answer(self._simulation.state)
         self._simulation.command(self.legs.velocity_radps)
-        return self._simulation.advance(self._steps)
-
-    def drawn_j(self) -> float:
-        """Return the energy drawn from the supply in the last period [J]."""
-        state = self._simulation.state
-        return self.period_s * self._simulation.rover.motor.drawn_w(state.motor_torque_nm,
-                                                                    state.joint_velocity_radps)
+        state = self._simulation.advance(self._steps)
+        self.periods += 1
+        self.energy_j += self.period_s * self._simulation.rover.motor.drawn_w(
+            state.motor_torque_nm, state.joint_velocity_radps)
+        if self._slip_every and self.periods % self._slip_every == 0:
+            self.feet.add(self._simulation.foot_motion, self._slip_every * self.period_s)
+        return state
 
     def has_dug_in(self) -> bool:
         """Return whether its feet are deep in regolith."""
