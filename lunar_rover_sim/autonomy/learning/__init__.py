@@ -1,8 +1,7 @@
 """Learning: Gymnasium environments on true ground, policies as files, and what runs them.
 
-`import lunar_rover_sim.autonomy.learning` registers `lunar_rover_sim/Walk-v0`,
-`Gait-v0` and `Reach-v0`
-where gymnasium is installed (extra `[learn]`). Policies run without it.
+`import lunar_rover_sim.autonomy.learning` registers `lunar_rover_sim/Walk-v0`, `Gait-v0` and
+`Reach-v0` where gymnasium is installed (extra `[learn]`). Policies run without it.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ def _register() -> None:
         if name not in gymnasium.registry:
             gymnasium.register(
                 name, entry_point='lunar_rover_sim.autonomy.learning.environment:RoverEnv',
-                vector_entry_point='lunar_rover_sim.autonomy.learning.vector:RoverVectorEnv',
+                vector_entry_point='lunar_rover_sim.autonomy.learning.environment:RoverVectorEnv',
                 kwargs={'task': task.lower()})
 
 

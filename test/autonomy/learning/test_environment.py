@@ -255,7 +255,7 @@ def test_ranges_upside_down(task, name, value):
 
 
 def test_what_several_refuse():
-    from lunar_rover_sim.autonomy.learning.vector import RoverVectorEnv
+    from lunar_rover_sim.autonomy.learning.environment import RoverVectorEnv
     for options, text in (({'num_envs': 0}, 'num_envs: 0 is not'),
                           ({'num_envs': True}, 'num_envs: True is not'),
                           ({'num_envs': 2, 'threads': 0}, 'threads: 0 is not'),
