@@ -18,6 +18,7 @@ import yaml
 
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import SlamError
+from lunar_rover_sim.base.files.paths import find_file, packaged_names
 from lunar_rover_sim.cli.main import execute
 from lunar_rover_sim.judge.slam import benchmark
 from lunar_rover_sim.judge.slam.drives import Drive, Judged
@@ -154,3 +155,13 @@ def test_bad_seals(sealed: Path, tmp_path: Path) -> None:
     assert yaml.safe_load(text)['seeds'] == [2, 3]
     with pytest.raises(SlamError, match='no results of a benchmark'):
         execute(['slam', 'seal', str(tmp_path), '-o', str(tmp_path / 'c.yaml')])
+
+
+@pytest.mark.parametrize('name', packaged_names('seal'))
+def test_packaged_seals_are_of_the_present_ground(name: str) -> None:
+    """A new recipe of worlds makes other drives: then they are to be sealed anew."""
+    seal = read_seal(find_file('seal', name))
+    drive = Drive(seal.scenarios[0], seal.seeds[0], seal.duration_s, overrides=seal.settings)
+    world = drive.load_scenario().load_world()
+    assert world.hash == seal.drives[drive.name].world
+    assert {'reference', 'wheels'} <= {row['system'] for row in seal.results}
