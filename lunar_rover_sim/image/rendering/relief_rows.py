@@ -21,14 +21,12 @@ F32 = NDArray[np.float32]
 _N, _PAGE = CHUNK, PAGE
 _X, _Y, _LEAD, _LEVEL, _U, _V, _PART, _WHOLE = (k * _PAGE for k in range(8))
 _PLACES = 8 * _PAGE     # eight: in a and b, of the first cell, then of the second one
-_FEW = 25 * _PAGE       # places and levels of the few pixels between two cells
-_OUT = 17 * _PAGE       # four channels
-_NEXT = 21 * _PAGE      # four channels
+_FEW = 25 * _PAGE       # levels of the few pixels between two cells
 _AT = 28 * _PAGE        # two
-_RAW = 30 * _PAGE       # four channels
+_OUT, _NEXT, _RAW = 17 * _PAGE, 21 * _PAGE, 30 * _PAGE  # four channels each
 _FLOATS = 34 * _PAGE
-_CELLS = 0              # four: the first cell, the second one
-_INDEX, _EAST, _NORTH = 4 * _PAGE, 5 * _PAGE, 6 * _PAGE
+_CELLS, _NEXT_CELL = 0, 2 * _PAGE   # two each
+_INDEX, _EAST, _NORTH, _BOTH = (k * _PAGE for k in range(4, 8))
 
 _ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 _BYTE = np.float32(1.0 / 255.0)
@@ -73,14 +71,12 @@ def _shuffled(i, j):  # type: ignore[no-untyped-def]
 
 
 @vectorised
-def _find_places(s, cells, tile, zone):  # type: ignore[no-untyped-def]
-    """Find where both tiles are read for the nearest cell and the second nearest one.
+def _find_cells(s, cells, tile, zone):  # type: ignore[no-untyped-def]
+    """Find the nearest cell and the second nearest one of places, which are bent to _U and _V.
 
-    Places, from _PLACES on, are in periods of the tiles; _LEAD is how much nearer the first one
-    is, over the zone in which the second one may be drawn.
+    _LEAD is how much nearer the first one is, over the zone in which the second one may be drawn.
     """
-    a_scale, b_scale, cell_scale = tile[0], tile[1], tile[2]
-    bend_x, bend_y, first_p, first_q = tile[3], tile[4], tile[5], tile[6]
+    cell_scale, bend_x, bend_y, first_p, first_q = tile[2], tile[3], tile[4], tile[5], tile[6]
     first_i, first_k = np.int32(tile[7]), np.int32(tile[8])
     for j in range(_N):
         # A bent lattice and bent relief: no homography maps one copy to another.
@@ -106,26 +102,31 @@ def _find_places(s, cells, tile, zone):  # type: ignore[no-untyped-def]
         i2 = i + step if second_leads else i + np.int32(1)
         k2 = k + step if second_leads else k
         leads, follows = w2 > most, w2 > next_most
-        cells[_CELLS + 2 * _PAGE + j] = i1 if leads else (i if follows else i2)
-        cells[_CELLS + 3 * _PAGE + j] = k1 if leads else (k + np.int32(1) if follows else k2)
+        cells[_NEXT_CELL + j] = i1 if leads else (i if follows else i2)
+        cells[_NEXT_CELL + _PAGE + j] = k1 if leads else (k + np.int32(1) if follows else k2)
         cells[_CELLS + j] = i if leads else i1
         cells[_CELLS + _PAGE + j] = k + np.int32(1) if leads else k1
         highest = max(most, w2)
         s[_LEAD + j] = (highest - max(min(most, w2), next_most)) / zone
-    for copy in range(2):
-        cell, place = _CELLS + 2 * copy * _PAGE, _PLACES + 4 * copy * _PAGE
-        for j in range(_N):
-            h = _shuffled(cells[cell + j], cells[cell + _PAGE + j])
-            u, v = s[_U + j], s[_V + j]
-            s[place + j] = u * a_scale + byte(h) * _FRACTION
-            s[place + _PAGE + j] = v * a_scale + byte(h >> np.uint32(8)) * _FRACTION
-            s[place + 2 * _PAGE + j] = u * b_scale + byte(h >> np.uint32(16)) * _FRACTION
-            s[place + 3 * _PAGE + j] = v * b_scale + byte(h >> np.uint32(24)) * _FRACTION
-        # Of the frame in the periods of the tiles.
-        for page in range(4):
-            own = tile[9 + page]
-            for j in range(_N):
-                s[place + page * _PAGE + j] += own
+
+
+@vectorised
+def _place(s, cells, tile, copy, count):  # type: ignore[no-untyped-def]
+    """Find where both tiles are read for a copy, the first cell or the second one, in periods."""
+    a_scale, b_scale = tile[0], tile[1]
+    cell, place = _CELLS + 2 * copy * _PAGE, _PLACES + 4 * copy * _PAGE
+    for j in range(count):
+        h = _shuffled(cells[cell + j], cells[cell + _PAGE + j])
+        u, v = s[_U + j], s[_V + j]
+        s[place + j] = u * a_scale + byte(h) * _FRACTION
+        s[place + _PAGE + j] = v * a_scale + byte(h >> np.uint32(8)) * _FRACTION
+        s[place + 2 * _PAGE + j] = u * b_scale + byte(h >> np.uint32(16)) * _FRACTION
+        s[place + 3 * _PAGE + j] = v * b_scale + byte(h >> np.uint32(24)) * _FRACTION
+    # Of the frame in the periods of the tiles.
+    for page in range(4):
+        own = tile[9 + page]
+        for j in range(count):
+            s[place + page * _PAGE + j] += own
 
 
 @vectorised
@@ -153,31 +154,31 @@ def _at_levels(s, place, t, out, channels, count, words, side,  # type: ignore[n
         for j in range(count):
             u, v = s[_AT + j] * wide - _HALF, s[_AT + _PAGE + j] * wide - _HALF
             column, row = np.floor(u), np.floor(v)
-            i, o = np.int32(np.int32(column) & mask), np.int32(np.int32(row) & mask)
-            east = np.int32(np.int32(np.int32(i + np.int32(1)) & mask) - i)
-            north = np.int32(np.int32(np.int32(o + np.int32(1)) & mask) - o)
+            west, south = np.int32(np.int32(column) & mask), np.int32(np.int32(row) & mask)
+            east = np.int32(np.int32(west + np.int32(1)) & mask)
+            north = np.int32(np.int32(south + np.int32(1)) & mask)
+            low, high = np.int32(start + south * n), np.int32(start + north * n)
             own_one = s[_WHOLE + j] == chosen
             s[_U + j] = u - column if own_one else s[_U + j]
             s[_V + j] = v - row if own_one else s[_V + j]
-            index = np.int32(start + np.int32(o * n) + i)
-            place[_INDEX + j] = index if own_one else place[_INDEX + j]
-            place[_EAST + j] = east if own_one else place[_EAST + j]
-            place[_NORTH + j] = np.int32(north * n) if own_one else place[_NORTH + j]
-    for j in range(count):
-        k, east, north = place[_INDEX + j], place[_EAST + j], place[_NORTH + j]
-        t[j], t[_PAGE + j] = words[k], words[k + east]
-        t[2 * _PAGE + j], t[3 * _PAGE + j] = words[k + north], words[k + north + east]
+            place[_INDEX + j] = np.int32(low + west) if own_one else place[_INDEX + j]
+            place[_EAST + j] = np.int32(low + east) if own_one else place[_EAST + j]
+            place[_NORTH + j] = np.int32(high + west) if own_one else place[_NORTH + j]
+            place[_BOTH + j] = np.int32(high + east) if own_one else place[_BOTH + j]
+    for j in range(count):      # without a sign: an index below 0 would count from the end
+        t[j] = words[np.uint32(place[_INDEX + j])]
+        t[_PAGE + j] = words[np.uint32(place[_EAST + j])]
+        t[2 * _PAGE + j] = words[np.uint32(place[_NORTH + j])]
+        t[3 * _PAGE + j] = words[np.uint32(place[_BOTH + j])]
     for channel in range(channels):
-        page = out + channel * _PAGE
+        page, down = out + channel * _PAGE, np.uint32(8 * channel)
         for j in range(count):
             f, g = s[_U + j], s[_V + j]
-            a, b = byte(t[j]), byte(t[_PAGE + j])
-            d, e = byte(t[2 * _PAGE + j]), byte(t[3 * _PAGE + j])
+            a, b = byte(t[j] >> down), byte(t[_PAGE + j] >> down)
+            d, e = byte(t[2 * _PAGE + j] >> down), byte(t[3 * _PAGE + j] >> down)
             a += f * (b - a)
             d += f * (e - d)
             s[page + j] = _BYTE * (a + g * (d - a))
-        for j in range(len(t)):
-            t[j] = t[j] >> np.uint32(8)
 
 
 @vectorised
@@ -195,10 +196,8 @@ def _texels(s, place, t, which, at, out, channels, levels,  # type: ignore[no-un
         own = max(s[levels + j] - finer, _ZERO)
         whole = np.floor(own)
         s[_PART + j], s[_WHOLE + j] = own - whole, whole
-    for j in range(count):
+    for j in range(2 * _PAGE):
         s[_AT + j] = s[at + j]
-    for j in range(count):
-        s[_AT + _PAGE + j] = s[at + _PAGE + j]
     _at_levels(s, place, t, out, channels, count, words, side, first)
     # A third of the pixels lie between two levels.
     for j in range(count):
@@ -246,34 +245,32 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
         slope_ax, slope_ay, slope_bx, slope_by: (n,) filled in, of both tiles.
         horizon_a, horizon_b: (n,) filled in: tangents.
     """
-    s, cells = np.empty(_FLOATS, np.float32), np.empty(7 * _PAGE, np.int32)
-    t, which = np.zeros(4 * _PAGE, np.uint32), np.empty(_N, np.int64)
+    s, cells = np.empty(_FLOATS, np.float32), np.empty(8 * _PAGE, np.int32)
+    t, which = np.empty(4 * _PAGE, np.uint32), np.empty(_N, np.int64)
     between = np.empty(_N, np.int64)
     for c in range(len(depth) // _N):
         i = c * _N
         if not any_positive(depth, i):
             continue
         for j in range(_N):
-            s[_X + j] = x[i + j]
-        for j in range(_N):
-            s[_Y + j] = y[i + j]
-        for j in range(_N):
-            s[_LEVEL + j] = detail[i + j]
-        _find_places(s, cells, tile, zone)
-        _texels(s, cells, t, between, _PLACES, _OUT, 4, _LEVEL, _TWO,
-                _N, coarse, coarse_side, coarse_first)
+            s[_X + j], s[_Y + j], s[_LEVEL + j] = x[i + j], y[i + j], detail[i + j]
+        _find_cells(s, cells, tile, zone)
+        _place(s, cells, tile, 0, _N)
         # Few pixels lie between two cells.
         few = NO_PIXELS
         for j in range(_N):
             which[few] = j
             few += s[_LEAD + j] < _ONE
+        for k in range(few):
+            j = which[k]
+            s[_U + k], s[_V + k], s[_FEW + k] = s[_U + j], s[_V + j], s[_LEVEL + j]
+            cells[_NEXT_CELL + k] = cells[_NEXT_CELL + j]
+            cells[_NEXT_CELL + _PAGE + k] = cells[_NEXT_CELL + _PAGE + j]
+        _place(s, cells, tile, 1, few)
+        _texels(s, cells, t, between, _PLACES, _OUT, 4, _LEVEL, _TWO,
+                _N, coarse, coarse_side, coarse_first)
         if few:
-            for k in range(few):
-                j = which[k]
-                s[_FEW + k], s[_FEW + _PAGE + k] = (s[_PLACES + 4 * _PAGE + j],
-                                                    s[_PLACES + 5 * _PAGE + j])
-                s[_FEW + 2 * _PAGE + k] = s[_LEVEL + j]
-            _texels(s, cells, t, between, _FEW, _NEXT, 4, _FEW + 2 * _PAGE, _TWO, few,
+            _texels(s, cells, t, between, _PLACES + 4 * _PAGE, _NEXT, 4, _FEW, _TWO, few,
                     coarse, coarse_side, coarse_first)
             # The coarse tile chooses for both.
             for k in range(few):
@@ -284,8 +281,8 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
                     own = s[_OUT + page + j]
                     s[_OUT + page + j] = own + other * (s[_NEXT + page + k] - own)
                 if other > _HALF:
-                    s[_PLACES + 2 * _PAGE + j] = s[_PLACES + 6 * _PAGE + j]
-                    s[_PLACES + 3 * _PAGE + j] = s[_PLACES + 7 * _PAGE + j]
+                    s[_PLACES + 2 * _PAGE + j] = s[_PLACES + 6 * _PAGE + k]
+                    s[_PLACES + 3 * _PAGE + j] = s[_PLACES + 7 * _PAGE + k]
         _decode(s, i, horizon, slope_ax, slope_ay, horizon_a)
         _texels(s, cells, t, between, _PLACES + 2 * _PAGE, _OUT, 3, _LEVEL, _ZERO,
                 _N, fine, fine_side, fine_first)
@@ -304,8 +301,8 @@ def shape_of_block(corner_x, corner_y, texel, tile, zone,  # type: ignore[no-unt
             texels as long as those of the block.
         result: (m, m) a view of the map, of texels as `row_math.packed_shape` has them.
     """
-    s, cells = np.empty(_FLOATS, np.float32), np.empty(7 * _PAGE, np.int32)
-    t, between = np.zeros(4 * _PAGE, np.uint32), np.empty(_N, np.int64)
+    s, cells = np.empty(_FLOATS, np.float32), np.empty(8 * _PAGE, np.int32)
+    t, between = np.empty(4 * _PAGE, np.uint32), np.empty(_N, np.int64)
     m = len(result)
     for j in range(_N):
         s[_LEVEL + j] = _ZERO
@@ -315,7 +312,9 @@ def shape_of_block(corner_x, corner_y, texel, tile, zone,  # type: ignore[no-unt
             for j in range(_N):
                 s[_X + j] = corner_x + (np.float32(start + j) + _HALF) * texel
                 s[_Y + j] = y
-            _find_places(s, cells, tile, zone)
+            _find_cells(s, cells, tile, zone)
+            _place(s, cells, tile, 0, _N)
+            _place(s, cells, tile, 1, _N)
             _texels(s, cells, t, between, _PLACES, _OUT, 4, _LEVEL, _ZERO, _N, coarse,
                     coarse_side, coarse_first)
             _texels(s, cells, t, between, _PLACES + 4 * _PAGE, _NEXT, 4, _LEVEL, _ZERO, _N,
