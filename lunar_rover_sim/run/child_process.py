@@ -70,14 +70,19 @@ class Ended:
         return self.last_line if by_itself and self.last_line else self.words
 
 
-def program_words(command: str) -> list[str]:
-    """Return a program and its arguments; raise ConfigError if there are none."""
+def program_words(command: str, name: str = 'command') -> list[str]:
+    """Return a program and its arguments; raise ConfigError if there are none.
+
+    Args:
+        command: A line of a shell.
+        name: Of the option or the parameter.
+    """
     try:
         words = shlex.split(command)
     except ValueError as error:
-        raise ConfigError(f'command: {command!r} is not valid: {error}') from None
+        raise ConfigError(f'{name}: {command!r} is not valid: {error}') from None
     if not words:
-        raise ConfigError(f'command: {command!r} is not valid; valid is a program that speaks the '
+        raise ConfigError(f'{name}: {command!r} is not valid; valid is a program that speaks the '
                           'protocol, and its arguments')
     return words
 

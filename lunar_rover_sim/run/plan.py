@@ -14,6 +14,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+from lunar_rover_sim.autonomy.navigation.config import SLAM
 from lunar_rover_sim.autonomy.path_following.route import make_route
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError
@@ -87,8 +88,10 @@ def resolve(scenario: Scenario) -> Scenario:
     publishes Twist, which has no stamp. There are no checkpoints at which it could not go on.
 
     Raises:
-        ConfigError: If the scenario says where the bag is.
+        ConfigError: If the scenario says where the bag is, or nobody gives what a node maps or
+            drives by.
     """
+    check_sources(scenario)
     for name in ('output', 'scenario_file'):
         value = getattr(scenario.recorder_node, name)
         if value:
@@ -259,7 +262,7 @@ def with_slam(scenario: Scenario, command: str, maps: Path | None = None,
     nodes = tuple(dict.fromkeys((*scenario.run.nodes, 'slam_node')))
     is_graph = command == 'graph'
     if not is_graph:
-        executable(program_words(command)[0])
+        executable(program_words(command, '--slam')[0])
     on_maps: dict[str, Any] = {}
     if maps is not None:
         if not is_graph:
@@ -334,6 +337,25 @@ def check_goals(scenario: Scenario) -> None:
         if max(map(abs, goal)) > half_m:
             raise ConfigError(f'goal: x {goal[0]:g} m, y {goal[1]:g} m is beyond the site; valid '
                               f'are -{half_m:g} to {half_m:g} m, see world.site_km')
+
+
+def check_sources(scenario: Scenario) -> None:
+    """Raise ConfigError if nobody gives the depth that is mapped, or the pose to drive by.
+
+    A program of the user may give them: time waits for it, or its topic is a participant's. Where
+    physics runs elsewhere, so may the others.
+    """
+    nodes, depth = scenario.run.nodes, scenario.mapping_node.depth
+    given = {*scenario.physics_node.wait.topics, *scenario.shared.participants}
+    needs = {'mapping_node.depth': (depth, DEPTH_TOPICS[depth], '')}
+    needs |= {f'{name}.pose': (SLAM, topics.SLAM_POSE, ' (--slam)')
+              for name in ('mapping_node', 'navigator_node')
+              if getattr(scenario, name).pose == SLAM}
+    for name, (value, topic, option) in needs.items():
+        if ({'physics_node', name.partition('.')[0]} <= set(nodes) and topic.node not in nodes
+                and topic.name not in given):
+            raise ConfigError(f'{name}: {value!r} is not valid without {topic.node} in run.nodes'
+                              f'{option}, or {topic.name} in physics_node.wait.topics')
 
 
 def with_route(scenario: Scenario, shape: str, avoid: bool) -> Scenario:

@@ -38,8 +38,8 @@ BAD_INPUT = {
     'world sun 0 -89 --stpe 3': (2, "No such option '--stpe'"),
     'run flat': (2, "Missing option '-o' / '--output'"),
     # What is wrong is told beside what is missing.
-    'run dem': (1, "GeoTIFF or a folder; also missing option '-o'"),
-    'run dem -o {new}': (1, 'world.path: not_set: no such file; --set world.path=FILE names'),
+    'run dem': (1, "GeoTIFF or folder; also missing option '-o'"),
+    'run dem -o {new}': (1, 'world.path: not_set: no such file; --set world.path=FILE: a GeoTIFF or'),
     'run flat --set sun.elevation=5': (1, 'did you mean render_node.sun.elevation_deg?; also '
                                           "missing option '-o'"),
     'run flat -o': (2, "'-o' requires an argument"),
@@ -58,13 +58,24 @@ BAD_INPUT = {
     'run flat -o {new} --goal 1e9,0': (1, 'goal: x 1e+09 m, y 0 m is beyond the site; valid are '
                                           '-2000 to 2000 m, see world.site_km'),
     'run flat -o {new} --slam': (2, "'--slam' requires an argument"),
-    'run flat -o {new} --slam=': (1, "command: '' is not valid; valid is a program"),
+    'run flat -o {new} --slam=': (1, "--slam: '' is not valid; valid is a program"),
+    'run flat -o {new} --slam "': (1, "--slam: '\"' is not valid: No closing quotation"),
     'run flat -o {new} --slam no_such_program': (1, 'no_such_program: there is no such program'),
     'slam run x -o {new} --timeout nan': (1, '--timeout: nan is not valid; valid is >= 0 [s]'),
     'slam run x -o {new} --max-ate nan': (1, '--max-ate: nan is not valid; valid is > 0 [m]'),
     'evaluate x y --min-tracked nan': (1, '--min-tracked: nan is not valid; valid is 0 to 1'),
     'slam run x -o {new} --doubt 5': (1, '--doubt: needs --orbital'),
     'run flat -o {new} --slam graph --doubt 5': (1, '--doubt: needs --orbital'),
+    'run flat -o {new} --goal 2,0 --set mapping_node.depth=lidar': (
+        1, "depth: 'lidar' is not valid without lidar_node in run.nodes, or lidar/points_desk"),
+    'run flat -o {new} --goal 2,0 --set mapping_node.pose=slam': (
+        1, "mapping_node.pose: 'slam' is not valid without slam_node in run.nodes (--slam), or"),
+    'run flat -o {new} --goal 2,0 --set navigator_node.pose=slam': (
+        1, "navigator_node.pose: 'slam' is not valid without slam_node in run.nodes (--slam)"),
+    'run flat -o {new} --goal 2,0 --set run.nodes=[physics_node]': (
+        1, "depth: 'stereo' is not valid without render_node in run.nodes, or stereo/depth/i"),
+    'slam run x -o {new} --system command --run=': (1, '--run: missing; it is the command'),
+    'slam run x -o {new} --system command --run "': (1, "--run: '\"' is not valid: No cl"),
     'render flat -o {new} --pose 1,2': (2, "'1,2' is not 3 or 4 numbers"),
     'render flat -o {new} --chase-from 1,2,x': (2, "'1,2,x' is not a list of numbers"),
     'bag video x -o {new}.mp4 --tripod 1,nan,2': (2, 'valid is finite numbers'),
@@ -91,6 +102,8 @@ BAD_INPUT = {
     'validate locomotion -o {new} --gravities nan': (1, '--gravities: nan is not valid'),
     'validate locomotion -o {new} --seeds 0': (1, '--seeds: 0 is not valid'),
     'validate navigation -o {new} --set shared.seed=3': (1, "no such section 'shared'"),
+    'validate navigation flat -o {new} --seeds 1 --distance 500 --workers 1': (
+        1, '--distance: 500 is not valid; valid is <= '),
     'validate odometry -n 2': (1, '--drives: 2 is not valid; valid is >= 3'),
     'validate odometry --duration 1': (1, '--duration: 1 is not valid'),
     'world sun 0 -95': (1, 'PLACE: 0 -95 is not valid; valid are'),
@@ -132,7 +145,8 @@ def test_bad_input_is_one_line(line: str, world: Path, tmp_path: Path,
     assert main(line.format(new=tmp_path / 'new', world=world).split()) == status
     said = capsys.readouterr()
     # A slow machine tells its progress.
-    error, = (line for line in said.err.splitlines() if not line.startswith('building the world'))
+    error, = (line for line in said.err.splitlines()
+              if not line.startswith(('building the world: ', 'driving: ')))
     assert error.startswith('lunar_rover_sim: ') and words in error
     assert not said.out and not list(tmp_path.iterdir())
     error = error.replace(str(tmp_path), '').replace(str(world), 'moon')

@@ -51,8 +51,8 @@ def dem_site(config: WorldConfig,
 def _raster(config: WorldConfig) -> Raster:
     path = user_path(config.path, 'world.path')
     if not path.exists():
-        raise WorldError(f'world.path: {path}: no such file; --set world.path=FILE names a '
-                         'GeoTIFF or a folder')
+        raise WorldError(f'world.path: {path}: no such file; --set world.path=FILE: '
+                         'a GeoTIFF or folder')
     if not path.is_dir() and not path.is_file():
         raise WorldError(f'world.path: {path}: is neither a regular file nor a folder')
     if path.suffix == '.npy':

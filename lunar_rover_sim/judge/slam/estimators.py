@@ -121,7 +121,7 @@ class Estimator:
             check_vocabulary(self.vocabulary)
         if self.system == 'command':
             if not self.command.strip():
-                raise SlamError('command: needs --run, the command line of the program')
+                raise SlamError('--run: missing; it is the command line of the program')
             self._words(dict.fromkeys(_FIELDS, ''))
         if not 0.0 <= self.timeout_s < math.inf:
             raise SlamError(f'timeout: {self.timeout_s:g} is not valid; valid is >= 0 [s]')
@@ -243,7 +243,7 @@ class Estimator:
         try:
             words = [word.format(**values) for word in shlex.split(self.command)]
         except (KeyError, IndexError, ValueError) as error:
-            raise SlamError(f'command: {self.command!r} is not valid: {error}; valid '
+            raise SlamError(f'--run: {self.command!r} is not valid: {error}; valid '
                             f'fields are {", ".join(_FIELDS)}') from None
         return [str(executable(words[0])), *words[1:]]
 

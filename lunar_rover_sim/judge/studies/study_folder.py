@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 import dataclasses
 import json
 import multiprocessing
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from lunar_rover_sim.base.errors import StudyError
+from lunar_rover_sim.base.errors import LunarRoverSimError, StudyError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import make_new_folder
 
@@ -95,7 +96,7 @@ class StudyFolder(Generic[Case, Drive]):
             StudyError: If it belongs to other settings.
         """
         self._drives = folder / 'drives'
-        file = folder / self.settings_file
+        self._file = file = folder / self.settings_file
         if resume and folder.exists():
             try:
                 before = file.read_text(encoding='utf-8')
@@ -148,11 +149,23 @@ class StudyFolder(Generic[Case, Drive]):
         found = {case: self.load(case) for case in cases}
         done = {case: drive for case, drive in found.items() if drive is not None}
         left = [case for case in cases if case not in done]
-        for drive, case in zip(in_processes(make, left, workers), left):
-            self.save(case, drive)
-            done[case] = drive
-            progress(case, drive, len(done))
+        try:
+            for drive, case in zip(in_processes(make, left, workers), left):
+                self.save(case, drive)
+                done[case] = drive
+                progress(case, drive, len(done))
+        except LunarRoverSimError:
+            if not any(self._drives.iterdir()):
+                self._remove()
+            raise
         return {case: done[case] for case in cases}
+
+    def _remove(self) -> None:
+        """Remove the folder of a study that was refused; other files stay."""
+        self._drives.rmdir()
+        self._file.unlink()
+        with suppress(OSError):
+            self._drives.parent.rmdir()
 
     def _path(self, case: Case) -> Path:
         return self._drives / f'{self.name(case)}.json'

@@ -173,7 +173,7 @@ def test_other_program(tmp_path, bag) -> None:
     ({'system': 'orbslam3', 'program': Path(sys.executable)}, 'needs --vocabulary'),
     ({'system': 'orbslam3', 'program': Path('/no/such'), 'vocabulary': Path('/no')},
      '/no/such: there is no such program'),
-    ({'system': 'command'}, 'needs --run, the command line'),
+    ({'system': 'command'}, '--run: missing; it is the command line'),
     ({'system': 'command', 'command': '/no/such {out}'}, '/no/such: there is no such program'),
     ({'system': 'command', 'command': 'true {nope}'}, "'nope'; valid fields are sequence"),
     ({'system': 'command', 'command': 'true "{out}'}, 'No closing quotation'),
