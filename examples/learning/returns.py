@@ -4,7 +4,8 @@
 
 All walk the same episodes: commands, reliefs, soils and pushes of seeds that nothing was trained
 on, with the randomisation of the training. A random gait has each of its parameters drawn evenly,
-anew in each episode. The others are compared with the packaged gait in pairs.
+anew in each episode. The others are compared with the packaged gait in pairs; p is corrected for
+the number of tests.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 import dataclasses
+import itertools
+import sys
 from typing import Any
 
 from episodes import run_episode, run_main
@@ -21,7 +24,7 @@ from lunar_rover_sim.autonomy.learning.follow import FollowConfig
 from lunar_rover_sim.autonomy.learning.gait_task import gait_of
 from lunar_rover_sim.autonomy.learning.policy_file import Policy
 from lunar_rover_sim.autonomy.learning.tasks import make_task
-from lunar_rover_sim.judge.evaluation.statistics import Comparison, Mean
+from lunar_rover_sim.judge.evaluation.statistics import adjusted, Comparison, Mean
 from lunar_rover_sim.rover.gait.config import CUSTOM, GaitConfig
 
 FIRST = 90_000          # seed of the first episode
@@ -37,16 +40,18 @@ def main() -> None:
     parser.add_argument('--grounds', nargs='+', default=['highland', 'rigid'])
     parser.add_argument('--episodes', type=int, default=20)
     args = parser.parse_args()
-    print('| ground | walker | return | effect and p against the packaged gait |')
-    print('|---|---|---|---|')
-    for ground in args.grounds:
-        found: dict[str, np.ndarray] = {}
-        for walker in (PACKAGED, STANDING, RANDOM, *args.policies):
-            found[walker] = returns_of(walker, args.episodes, ground=ground)
-            against = ('' if walker == PACKAGED else
-                       Comparison.of(found[walker], found[PACKAGED]).text())
-            print(f'| {ground} | {walker} | {Mean.of(found[walker]).text(2)} | {against} |',
-                  flush=True)
+    found = {}
+    for case in itertools.product(args.grounds, (PACKAGED, STANDING, RANDOM, *args.policies)):
+        print(*case, file=sys.stderr)
+        found[case] = returns_of(case[1], args.episodes, ground=case[0])
+    tests = {(ground, walker): Comparison.of(returns, found[ground, PACKAGED])
+             for (ground, walker), returns in found.items() if walker != PACKAGED}
+    against = {case: dataclasses.replace(test, p=p).text() for (case, test), p
+               in zip(tests.items(), adjusted([test.p for test in tests.values()]))}
+    for cells in (['ground', 'walker', 'return', 'effect and p against the packaged gait'],
+                  ['---'] * 4, *([*case, Mean.of(returns).text(2), against.get(case, '')]
+                                 for case, returns in found.items())):
+        print('|', ' | '.join(cells), '|')
 
 
 def returns_of(walker: str, episodes: int, **options: Any) -> np.ndarray:

@@ -39,7 +39,7 @@ BAD_INPUT = {
     'run flat': (2, "Missing option '-o' / '--output'"),
     # What is wrong is told beside what is missing.
     'run dem': (1, "GeoTIFF or folder; also missing option '-o'"),
-    'run dem -o {new}': (1, 'world.path: not_set: no such file; --set world.path=FILE: a GeoTIFF or'),
+    'run dem -o {new}': (1, 'not_set: no such file; --set world.path=FILE: a GeoTIFF or'),
     'run flat --set sun.elevation=5': (1, 'did you mean render_node.sun.elevation_deg?; also '
                                           "missing option '-o'"),
     'run flat -o': (2, "'-o' requires an argument"),

@@ -44,9 +44,12 @@ class Estimate:
         if not self.count:
             return '–'
         spec = f'{sign}.{digits}f'
-        if not np.isfinite(self.low):
-            return f'{self.value:{spec}}'
-        return f'{self.value:{spec}} [{self.low:{spec}}, {self.high:{spec}}]'
+        # Without the sign of what is rounded to 0.
+        value, low, high = (round(float(one), digits) + 0.0
+                            for one in (self.value, self.low, self.high))
+        if not np.isfinite(low):
+            return f'{value:{spec}}'
+        return f'{value:{spec}} [{low:{spec}}, {high:{spec}}]'
 
 
 class Median(Estimate):

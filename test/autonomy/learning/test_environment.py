@@ -127,11 +127,13 @@ def test_legs_follow_a_smoothed_action_with_its_time_constant():
     task.close()
 
 
-def test_standing_returns_less_than_a_random_gait_and_that_less_than_the_packaged(monkeypatch):
-    """On soil, with all randomisation, over the range of commands; the mean of 2 episodes."""
+@pytest.mark.parametrize('ground', ['highland', 'rigid'])
+def test_standing_returns_less_than_a_random_gait_and_that_less_than_the_packaged(monkeypatch,
+                                                                                  ground):
+    """With all randomisation, over the range of commands; the mean of 2 episodes."""
     monkeypatch.syspath_prepend(str(EXAMPLES))
     from returns import PACKAGED, RANDOM, returns_of, STANDING
-    standing, random, packaged = (returns_of(walker, 2, ground='highland')
+    standing, random, packaged = (returns_of(walker, 2, ground=ground)
                                   for walker in (STANDING, RANDOM, PACKAGED))
     # Pushes and slopes move a standing rover a little.
     assert np.abs(standing).max() < 0.1

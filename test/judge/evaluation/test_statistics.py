@@ -19,6 +19,11 @@ def test_three_values_have_an_interval_and_two_have_none(count):
     assert np.isfinite([one.low, one.high]).all() == known == np.isfinite(means).all()
 
 
+def test_what_is_rounded_to_nothing_has_no_sign():
+    found = statistics.Estimate(-0.004, -0.006, 0.001, 5)
+    assert found.text(2) == '0.00 [-0.01, 0.00]' and found.text(2, '+') == '+0.00 [-0.01, +0.00]'
+
+
 @pytest.mark.parametrize('count', [9, 30, 100])
 def test_the_interval_of_independent_values_is_that_of_student(count):
     """Half of it is t s / sqrt(n) in the mean of many series.
