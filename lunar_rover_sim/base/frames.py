@@ -70,6 +70,14 @@ def rotated(rotation: Array, vectors: Array) -> Array:
             + vectors[..., 2:] * rotation[..., 2])
 
 
+def length(vector: Array) -> float:
+    """Return the length of a vector (n,), by the same rounding on every processor.
+
+    NumPy's norm is a product of BLAS, whose sums have another order on each processor.
+    """
+    return math.sqrt(sum(v * v for v in vector.tolist()))
+
+
 def matrix_from_wxyz(quat_wxyz: ArrayLike) -> Array:
     """Return the (..., 3, 3) rotation matrix of (..., 4) unit quaternions."""
     # Two transpositions take a fifth of the time of np.moveaxis and np.stack for one quaternion.
@@ -85,7 +93,7 @@ def matrix_from_wxyz(quat_wxyz: ArrayLike) -> Array:
 def matrix_from_rotvec(rotvec_rad: ArrayLike) -> Array:
     """Return the (3, 3) rotation by the length of a (3,) vector [rad] about its direction."""
     vector = np.asarray(rotvec_rad, dtype=float)
-    half = 0.5 * math.sqrt(sum(v * v for v in vector.tolist()))
+    half = 0.5 * length(vector)
     scale = math.sin(half) / (2.0 * half) if half > 0.0 else 0.5
     return matrix_from_wxyz([math.cos(half), *(scale * vector)])
 

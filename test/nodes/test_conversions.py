@@ -1,6 +1,8 @@
 """Messages made from states and read back: axes, order, covariances; boxes of vision_msgs."""
 
 import dataclasses
+import os
+import subprocess
 import sys
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -222,3 +224,23 @@ def test_boxes_can_be_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
         FIELDS['Detection2D'])
     with pytest.raises(GraphError, match='nothing/Else: no such message type is installed'):
         definition_of('nothing/msg/Else')
+
+
+def test_a_pose_is_read_alike_on_every_processor() -> None:
+    """A controller that rounds otherwise than another drives another way, seconds later."""
+    program = """if True:
+        import hashlib, sys
+        from nav_msgs.msg import Odometry
+        import numpy as np
+        from lunar_rover_sim.nodes.conversions import pose_of
+        sums, message = hashlib.sha256(), Odometry()
+        for quat in np.random.default_rng(1).standard_normal((2000, 4)):
+            q = message.pose.pose.orientation
+            q.w, q.x, q.y, q.z = (quat / np.sqrt((quat * quat).sum())).tolist()
+            sums.update(pose_of(message).tobytes())
+        print(sums.hexdigest())"""
+    said = {subprocess.run([sys.executable, '-c', program], check=True, capture_output=True,
+                           env={**os.environ, **processor}).stdout
+            for processor in ({}, {'OPENBLAS_CORETYPE': 'Nehalem'},
+                              {'OPENBLAS_CORETYPE': 'Haswell'})}
+    assert len(said) == 1
