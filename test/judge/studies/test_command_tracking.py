@@ -38,7 +38,7 @@ def test_a_short_pitch_study_from_end_to_end(tmp_path, capsys):
     assert 'start transient' in capsys.readouterr().out
 
 
-@pytest.mark.parametrize('name', ['locomotion', 'traverse'])
+@pytest.mark.parametrize('name', ['locomotion', 'navigation'])
 def test_an_earlier_report_is_kept(tmp_path, name):
     (tmp_path / 'report.md').write_text('an hour of work')
     with pytest.raises(ConfigError, match='exists; name a new folder'):
