@@ -164,4 +164,4 @@ def test_packaged_seals_are_of_the_present_ground(name: str) -> None:
     drive = Drive(seal.scenarios[0], seal.seeds[0], seal.duration_s, overrides=seal.settings)
     world = drive.load_scenario().load_world()
     assert world.hash == seal.drives[drive.name].world
-    assert {'reference', 'graph'} <= {row['system'] for row in seal.results}
+    assert {'reference', 'graph', 'wheels'} <= {row['system'] for row in seal.results}
