@@ -14,6 +14,7 @@ xyzw appears only where messages and TUM files are written. Frames:
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 import math
 
 import numpy as np
@@ -70,12 +71,12 @@ def rotated(rotation: Array, vectors: Array) -> Array:
             + vectors[..., 2:] * rotation[..., 2])
 
 
-def length(vector: Array) -> float:
-    """Return the length of a vector (n,), by the same rounding on every processor.
+def length(vector: Iterable[float]) -> float:
+    """Return the length of a vector, by the same rounding on every processor.
 
     NumPy's norm is a product of BLAS, whose sums have another order on each processor.
     """
-    return math.sqrt(sum(v * v for v in vector.tolist()))
+    return math.sqrt(sum(v * v for v in vector))
 
 
 def matrix_from_wxyz(quat_wxyz: ArrayLike) -> Array:
@@ -93,7 +94,7 @@ def matrix_from_wxyz(quat_wxyz: ArrayLike) -> Array:
 def matrix_from_rotvec(rotvec_rad: ArrayLike) -> Array:
     """Return the (3, 3) rotation by the length of a (3,) vector [rad] about its direction."""
     vector = np.asarray(rotvec_rad, dtype=float)
-    half = 0.5 * length(vector)
+    half = 0.5 * length(vector.tolist())
     scale = math.sin(half) / (2.0 * half) if half > 0.0 else 0.5
     return matrix_from_wxyz([math.cos(half), *(scale * vector)])
 
@@ -112,8 +113,8 @@ def wxyz_from_matrix(rotation: ArrayLike) -> Array:
         quat = m02 - m20, m01 + m10, 1 - m00 + m11 - m22, m12 + m21
     else:
         quat = m10 - m01, m02 + m20, m12 + m21, 1 - m00 - m11 + m22
-    length = math.sqrt(sum(v * v for v in quat))
-    return np.array(quat) / (-length if quat[0] < 0.0 else length)
+    norm = length(quat)
+    return np.array(quat) / (-norm if quat[0] < 0.0 else norm)
 
 
 def wxyz_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Array:

@@ -66,7 +66,7 @@ def pose_of(msg: Odometry) -> Array:
     """Return T_world_base (4, 4) of an odometry message; raise GraphError if it is not a pose."""
     p, q = msg.pose.pose.position, msg.pose.pose.orientation
     position, quat = np.array([p.x, p.y, p.z]), np.array([q.w, q.x, q.y, q.z])
-    norm = frames.length(quat)
+    norm = frames.length(quat.tolist())
     if not np.all(np.isfinite(position)) or not abs(norm - 1.0) < 1e-3:
         raise GraphError(f'odom: position {position.tolist()}, orientation wxyz {quat.tolist()} '
                          'is not a pose; valid is finite with a unit quaternion')

@@ -182,7 +182,7 @@ class PoseSource:
         self._told_ns = header_ns(msg)
         p, q = msg.pose.position, msg.pose.orientation
         numbers = np.array([p.x, p.y, p.z, q.w, q.x, q.y, q.z])
-        norm = frames.length(numbers[3:])
+        norm = frames.length(numbers[3:].tolist())
         if not np.isfinite(numbers).all() or not abs(norm - 1.0) < 1e-2:
             self._node.warnings.add('pose', f'{topics.SLAM_POSE.name}: {numbers.tolist()} is no '
                                     'pose, and not used')

@@ -89,6 +89,7 @@ class RecorderNode(node_main.GraphNode):
         self._runner: int | None = None
         if config.scenario_file:
             self._runner = os.getppid()
+            self._listed.add(self._navigated_name)      # in any case: the run may end early then
             text = _read(config.scenario_file)
             scenario = scenario_of_text(text)
             self._duration_s = scenario.number('physics_node', 'duration_s', 0.0)
@@ -228,8 +229,6 @@ class RecorderNode(node_main.GraphNode):
         return self._contract.get(name) or topics.topic_of(name.removeprefix(self._own))
 
     def _is_wanted(self, name: str) -> bool:
-        if name == self._navigated_name and self._runner is not None:
-            return True     # whatever is listed: it tells that the run may end early
         if name in self._listed or not self._all:
             return name in self._listed
         # In a namespace `all` means the topics of this rover.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.base.errors import brief, ConfigError, PhysicsError
-from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, wxyz_from_matrix
+from lunar_rover_sim.base.frames import Array, length, matrix_from_wxyz, wxyz_from_matrix
 from lunar_rover_sim.ground.world.follower import Follower
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.rover.description import RoverDescription
@@ -158,5 +158,5 @@ def _level_rotation(ground: HeightGrid, rover: RoverDescription, start: StartPos
     along = math.sqrt(1.0 + slope_x * slope_x)
     x_axis = np.array([cos / along, sin / along, slope_x / along])
     z_axis = np.cross(x_axis, [-sin, cos, slope_y])
-    z_axis /= math.sqrt(sum(v * v for v in z_axis.tolist()))
+    z_axis /= length(z_axis.tolist())
     return np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis])

@@ -153,6 +153,7 @@ def test_maps_from_orbit_show_holes_and_far_plans_keep_off_them(tmp_path, pixel_
     places = maps.first_m + maps.pixel_m * lost[:, ::-1]
     assert np.abs(places - [96.0, 0.0]).max() < 2.5
     keeps_off_the_hole(site, maps, source)
+    site.close()
 
 
 def keeps_off_the_hole(site, maps, source):
@@ -167,7 +168,6 @@ def keeps_off_the_hole(site, maps, source):
             for at in {site.middle((x + dx, 3.0)) for dx in (-9.7, 0.0, 9.7)}:
                 source.check_window(at)
     assert costs.has_ground(45.0, 3.0) and not costs.has_ground(70.0, 3.0)
-    site.close()
 
 
 def test_a_hole_of_a_mesh_is_one_of_the_map_from_orbit(tmp_path):
@@ -184,6 +184,7 @@ def test_a_hole_of_a_mesh_is_one_of_the_map_from_orbit(tmp_path):
     maps = orbital_map(site, OrbitalConfig(photo_pixel_m=0.0))
     assert 1 <= np.isnan(maps.heights_m).sum() <= 9
     keeps_off_the_hole(site, maps, source)
+    site.close()
 
 
 def test_a_damaged_window_is_made_again(tmp_path, monkeypatch):
