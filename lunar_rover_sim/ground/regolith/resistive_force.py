@@ -128,5 +128,6 @@ def dig_table(shape: ResistiveForce) -> NDArray[np.float64]:
     for k in range(_DEPTHS + 1):
         lift = np.maximum.accumulate(
             swept_bearing(shape, max(k * DEEPEST / _DEPTHS, 0.02), gamma))
-        rows.append(np.tan(np.interp(loads, lift, gamma)))
+        # Not by NumPy, whose tangent rounds otherwise where there is AVX-512.
+        rows.append([math.tan(angle) for angle in np.interp(loads, lift, gamma)])
     return np.array(rows)

@@ -224,7 +224,8 @@ class GaitCalibration:
                                   'must not be slower by more than 10 %: the table cannot be '
                                   'inverted')
         half_track = float(np.median(forward[:, 0] / yaw_rate[:, -1]))
-        course = np.arctan2(yaw_rate * half_track, forward)
+        # Not by NumPy, whose arc tangent rounds otherwise where there is AVX-512.
+        course = np.vectorize(math.atan2, otypes=[float])(yaw_rate * half_track, forward)
         # By symmetry the first column goes straight on and the last one turns on the spot.
         course[:, 0], course[:, -1] = 0.0, 0.5 * math.pi
         course = np.clip(_increasing(course), 0.0, 0.5 * math.pi)

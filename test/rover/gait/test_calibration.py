@@ -3,8 +3,12 @@
 import dataclasses
 import functools
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
+from portability import numpy_features
 import pytest
 
 from lunar_rover_sim.base.errors import ConfigError, GaitError
@@ -244,3 +248,24 @@ def test_a_table_of_another_ground_is_named():
     assert differences(here, ground_conditions(PhysicsConfig())) == \
         ['ground highland_loose, here rigid']
     assert differences(ANALYTIC, here) == []
+
+
+def test_tables_are_the_same_on_every_processor() -> None:
+    """In fresh processes: NumPy computes as on one without AVX-512, where this one has it."""
+    program = """if True:
+        import hashlib
+        from lunar_rover_sim.base.files.paths import config_folder
+        from lunar_rover_sim.ground.regolith import resistive_force
+        from lunar_rover_sim.rover.gait.calibration import GaitCalibration
+        sums = hashlib.sha256()
+        for path in sorted(config_folder().glob('gait_calibrations/*.yaml')):
+            table = GaitCalibration.load(path)
+            strides = [table.stride(0.01 * v, 0.02 * w) for v in range(13) for w in range(8)]
+            sums.update(repr(strides).encode())
+        for shape in (resistive_force.GENERIC, resistive_force.POPPY_LOOSE):
+            sums.update(resistive_force.dig_table(shape).tobytes())
+        print(sums.hexdigest())"""
+    said = {subprocess.run([sys.executable, '-c', program], check=True, capture_output=True,
+                           env={**os.environ, 'NPY_DISABLE_CPU_FEATURES': disabled}).stdout
+            for disabled in ('', numpy_features(oldest=False))}
+    assert len(said) == 1
