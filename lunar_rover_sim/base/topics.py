@@ -280,7 +280,8 @@ NAVIGATOR_STATUS = Topic('navigator/status', 'diagnostic_msgs/msg/DiagnosticArra
                          'navigator_node', '', 'waiting, following, looking, backing off, '
                          'turning, arrived or failed, with its reason; sent when that changes')
 NAVIGATED = Topic('navigator/finished', 'std_msgs/msg/Header', EVENT, 'navigator_node', '',
-                  'stamp at which a run ends, since the navigator has arrived or given up')
+                  'stamp at which a run ends, since the navigator (or drive_node, with its '
+                  'end_after_s) has arrived or given up')
 
 CONTRACT: tuple[Topic, ...] = (
     CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, CONTACT, GROUND_CHANGES,

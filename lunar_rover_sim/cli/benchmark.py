@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import dataclasses
 from pathlib import Path
 import signal
 
@@ -25,7 +26,8 @@ from lunar_rover_sim.judge.slam.estimators import ANCHORED, Estimator, stock_pro
 from lunar_rover_sim.judge.slam.seal import read_seal, scores, Seal
 from lunar_rover_sim.judge.slam.traverse import Condition, conditions, DARK, Named
 from lunar_rover_sim.judge.slam.traverse import run as run_condition
-from lunar_rover_sim.judge.slam.traverse import table
+from lunar_rover_sim.judge.slam.traverse import SCENARIO, table
+from lunar_rover_sim.judge.slam.ways import ways_of
 from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS
 
 
@@ -66,8 +68,8 @@ def drives(output: Path, scenarios: Sequence[str], sensors: Sequence[str], seeds
         cells = plan(scenarios, estimators, seeds_of(seeds), duration, parameter,
                      [v for v in values.split(',') if v], overrides)
     else:
-        cells = plan(seal.scenarios, estimators, seal.seeds, seal.duration_s,
-                     overrides=seal.settings)
+        cells = [dataclasses.replace(cell, drive=seal.drive(cell.drive.scenario, cell.drive.seed))
+                 for cell in plan(seal.scenarios, estimators, seal.seeds, seal.duration_s)]
     # Errors in any scenario are reported now, not after hours.
     for drive in dict.fromkeys(cell.drive for cell in cells):
         scenario_of(drive)
@@ -103,6 +105,9 @@ def drives(output: Path, scenarios: Sequence[str], sensors: Sequence[str], seeds
                  metavar='HZ...', help='of the images [Hz]')
 @options.several('--suns', default=('3', '6', '15', DARK), metavar='ELEVATION...',
                  help=f'elevations of the sun [deg], or {DARK}: by the lamp of the rover')
+@click.option('--along', default='', show_default=False, metavar='NAME_OR_PATH',
+              help='follow the ways of a seal, or of the recordings in the folder of a benchmark, '
+              'in place of those that the navigator finds')
 @click.option('--executable', type=options.PATH, metavar='PATH', help='of ORB-SLAM3, which runs '
               'too then: its example programs, or a Python that has the wheel pyorbslam3')
 @click.option('--vocabulary', type=options.PATH, metavar='PATH', help='of ORB-SLAM3')
@@ -110,7 +115,7 @@ def drives(output: Path, scenarios: Sequence[str], sensors: Sequence[str], seeds
 @click.option('--retry', is_flag=True, help='repeat what failed')
 @options.workers('drives at the same time; each keeps one to two cores busy')
 def traverse(output: Path, distances: Sequence[float], sites: Sequence[int], first_seed: int,
-             rates: Sequence[float], suns: Sequence[str], executable: Path | None,
+             rates: Sequence[float], suns: Sequence[str], along: str, executable: Path | None,
              vocabulary: Path | None, overrides: list[str], retry: bool, workers: int) -> int:
     """Drive far over sites, and judge wheels, odometries and the anchored graph.
 
@@ -129,8 +134,13 @@ def traverse(output: Path, distances: Sequence[float], sites: Sequence[int], fir
     for distance, count in zip(distances, sites):
         seeds[distance] = range(first_seed, first_seed + count)
         first_seed += count
-    todo = {condition: condition.cells(estimators, seeds[condition.distance_m], overrides)
-            for condition in conditions(distances, rates, suns)}
+    found = conditions(distances, rates, suns)
+    ways = None
+    if along:
+        ways = ways_of(Path(along) if Path(along).is_dir() else find_file('seal', along),
+                       [seed for several in seeds.values() for seed in several], SCENARIO)
+    todo = {condition: condition.cells(estimators, seeds[condition.distance_m], overrides, ways)
+            for condition in found}
     for cells in todo.values():
         scenario_of(cells[0].drive)
     signal.signal(signal.SIGTERM, signal.default_int_handler)

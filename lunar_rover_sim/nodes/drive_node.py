@@ -8,8 +8,9 @@ from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.serialization import deserialize_message
+from std_msgs.msg import Header
 
-from lunar_rover_sim.autonomy.path_following.driver import Driver, STOPPED
+from lunar_rover_sim.autonomy.path_following.driver import DONE, Driver, STOPPED
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.base import frames, topics
@@ -43,8 +44,13 @@ class DriveNode(node_main.GraphNode):
         stamped = config.enable_stamped_cmd_vel
         self._publisher = self.create_publisher(TwistStamped if stamped else Twist,
                                                 topics.CMD_VEL.name, qos.offered(topics.CMD_VEL))
+        publishers = [self._publisher]
+        if config.end_after_s >= 0.0:
+            self._end = self.create_publisher(Header, topics.NAVIGATED.name,
+                                              qos.offered(topics.NAVIGATED))
+            publishers.append(self._end)
         # In lockstep the first command is held until everybody reads it.
-        self._matching = ReaderDiscovery(self, [self._publisher],
+        self._matching = ReaderDiscovery(self, publishers,
                                          config.participants if config.lockstep else ())
         self._held: list[bytes] = []
         self.create_subscription(Odometry, config.truth.name, self._odom_callback,
@@ -98,6 +104,8 @@ class DriveNode(node_main.GraphNode):
                 self.get_logger().warning(f'{text}: {command.reason}')
             else:
                 self.get_logger().info(f'{text}: {command.reason}' if command.reason else text)
+            if command.status in (DONE, STOPPED) and (end_ns := self._config.end_ns(now_ns)) > 0:
+                self._end.publish(Header(stamp=conversions.time_msg(end_ns)))
         velocity = command.forward_mps, command.yaw_rate_radps
         if self._config.enable_stamped_cmd_vel:
             self._publisher.publish(conversions.twist_stamped(*velocity, odom.header.stamp))

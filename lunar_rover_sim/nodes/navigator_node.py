@@ -288,12 +288,9 @@ class NavigatorNode(node_main.GraphNode):
                 left_m / self._config.speed_mps, self._navigator.backed_off))
         if command.status.is_end and not self._is_done:
             self._is_done = True
-            if self._config.end_after_s >= 0.0:
-                # Where every topic with a period has a message.
-                end = now_ns + round(self._config.end_after_s * 1e9)
-                step = round(self._config.end_step_s * 1e9)
-                end = -(-end // step) * step
-                self._outputs[topics.NAVIGATED].publish(Header(stamp=conversions.time_msg(end)))
+            if (end_ns := self._config.end_ns(now_ns)) > 0:
+                self._outputs[topics.NAVIGATED].publish(
+                    Header(stamp=conversions.time_msg(end_ns)))
 
     def _tell_way(self, T: Array, now_ns: int) -> None:
         """Tell the supervisor of a run now and then how far it has driven, and how far it is."""

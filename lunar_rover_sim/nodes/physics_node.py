@@ -247,7 +247,7 @@ class PhysicsNode(node_main.GraphNode):
         end_ns = max(time_ns(msg.stamp), self._now_ns + 1)
         if not 0 < self._end_ns <= end_ns:
             self._end_ns = end_ns
-            self.get_logger().info(f'ends at {end_ns / 1e9:.3f} s: the navigator is done')
+            self.get_logger().info(f'ends at {end_ns / 1e9:.3f} s: the drive is done')
 
     def _finish(self) -> None:
         self.get_logger().info(f'finished at {self._now_ns / 1e9:.3f} s')

@@ -155,10 +155,32 @@ class PolicyNodeConfig(NodeConfig):
     wait: WaitConfig = group(WaitConfig)
 
 
+_END_AFTER = ('time from {} to the end of the run; negative: it lasts its whole duration')
+
+
 @dataclasses.dataclass(frozen=True)
-class DriveNodeConfig(PacedConfig, NodeConfig, DriveConfig):
+class EndOfRunConfig(Parameters):
+    """When a run ends that has got where it was to go."""
+
+    end_after_s: float = param(1.0, _END_AFTER.format('arrival, or giving up,'), unit='s',
+                               low=-1.0, high=3600.0)
+    end_step_s: float = param(1.0, 'that end is a multiple of this, at which images and scans are '
+                              'due; a run sets it', unit='s', low=0.001, high=1000.0)
+
+    def end_ns(self, now_ns: int) -> int:
+        """Return the stamp at which the run ends that is done now [ns]; negative: it does not."""
+        if self.end_after_s < 0.0:
+            return -1
+        step_ns = round(self.end_step_s * 1e9)
+        return -(-(now_ns + round(self.end_after_s * 1e9)) // step_ns) * step_ns
+
+
+@dataclasses.dataclass(frozen=True)
+class DriveNodeConfig(EndOfRunConfig, PacedConfig, NodeConfig, DriveConfig):
     """Parameters of drive_node."""
 
+    end_after_s: float = param(-1.0, _END_AFTER.format('the end of the drive, or a stop,'),
+                               unit='s', low=-1.0, high=3600.0)
     rate_hz: int = param(20, 'rate of cmd_vel', unit='Hz', low=1, high=200)
     enable_stamped_cmd_vel: bool = param(
         True, 'publish cmd_vel as TwistStamped (true) or Twist (false); a Twist has no stamp, so '
@@ -371,7 +393,7 @@ class MappingNodeConfig(NodeConfig):
 
 
 @dataclasses.dataclass(frozen=True)
-class NavigatorNodeConfig(PacedConfig, NodeConfig, NavigatorConfig):
+class NavigatorNodeConfig(EndOfRunConfig, PacedConfig, NodeConfig, NavigatorConfig):
     """Parameters of navigator_node."""
 
     pose: str = param(TRUTH, 'pose by which it drives. ' + _POSE, choices=POSES)
@@ -381,11 +403,6 @@ class NavigatorNodeConfig(PacedConfig, NodeConfig, NavigatorConfig):
                              unit='s', low=0.05, high=5.0)
     map_period_s: float = param(0.1, 'period of map/traversability, that of the depth', unit='s',
                                 low=0.005, high=10.0, by_run=True)
-    end_after_s: float = param(1.0, 'time from arrival, or giving up, to the end of the run; '
-                               'negative: it lasts its whole duration', unit='s', low=-1.0,
-                               high=3600.0)
-    end_step_s: float = param(1.0, 'that end is a multiple of this, at which images and scans are '
-                              'due; a run sets it', unit='s', low=0.001, high=1000.0)
     maps: str = param('', 'folder of `world export --orbital` by which far goals are planned to; '
                       'empty: made of the world, with a photo around the goals')
     radius_m: float = param(0.0, 'of the circle around the rover and its spokes; 0: by its '

@@ -155,9 +155,13 @@ def _following(scenario: Scenario) -> dict[str, Any]:
         'policy_node.ground': scenario.policy_node.ground or physics.ground.name,
         'render_node.await_ground': render.await_ground or ground_gives,
         'lidar_node.await_ground': lidar.await_ground or ground_gives}
+    for name in ('drive_node', 'navigator_node'):
+        if name in nodes:
+            if getattr(scenario, name).end_after_s >= 0.0:
+                values['physics_node.end_when_navigated'] = True
+            # There every topic with a period has a message.
+            values[f'{name}.end_step_s'] = math.lcm(step_ns, NS_PER_S) / 1e9
     if 'navigator_node' in nodes:
-        values['physics_node.end_when_navigated'] = scenario.navigator_node.end_after_s >= 0.0
-        values['navigator_node.end_step_s'] = math.lcm(step_ns, NS_PER_S) / 1e9
         values['navigator_node.map_period_s'] = (
             lidar.period_ns if scenario.mapping_node.depth == LIDAR else render.depth_period_ns
         ) / 1e9

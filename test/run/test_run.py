@@ -186,6 +186,25 @@ def test_divergence_in_the_drive_ends_the_run(tmp_path: Path) -> None:
         assert bag.counts['/odom'] > 180
 
 
+@pytest.mark.parametrize(('settings', 'end_s'), [
+    (['drive_node.waypoints_x_m=[0.0]', 'drive_node.waypoints_y_m=[0.0]',
+      'drive_node.goal_tolerance_m=5.0'], 2.0),
+    (['drive_node.waypoints_x_m=[3.0]', 'drive_node.waypoints_y_m=[3.0]',
+      'drive_node.tilt_limit_deg=0.01'], 2.0)])
+def test_a_drive_that_is_done_ends_the_run(tmp_path: Path, settings: list[str], end_s: float
+                                           ) -> None:
+    """At the end of its route, or where it stops, and the recording counts as whole."""
+    folder = tmp_path / 'run'
+    words = ['drive_node.mode=waypoints', 'drive_node.shape=none', 'drive_node.end_after_s=1.0',
+             'drive_node.start_delay_s=0.0', *settings]
+    run = start(folder, *(word for setting in words for word in ('--set', setting)))
+    _, stderr = run.communicate(timeout=LIMIT_S)
+    assert run.returncode == 0, stderr
+    assert not check(folder / 'bag').failed
+    with open_bag(folder / 'bag') as bag:
+        assert bag.end_ns / 1e9 == pytest.approx(end_s, abs=0.1)
+
+
 def test_interrupt_finishes_the_bag(tmp_path: Path) -> None:
     """Ctrl-C: the nodes stop in order, the bag is whole up to there and marked as short."""
     folder = tmp_path / 'run'

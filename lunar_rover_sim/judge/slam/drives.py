@@ -66,8 +66,9 @@ RESULT = 'result.json'
 MAX_BYTES = 1 << 24     # of a result
 _MAX_CSV_BYTES = 1 << 28
 _NEEDED = ('scenario', 'seed', 'sensor', 'system', 'tracked_share', 'ate_m', 'scale')
-# Settings that change what is recorded, not the drive.
-_RECORDER = 'recorder_node.'
+# Settings that change what is recorded, not the drive; and those that drives of one benchmark may
+# differ in.
+_RECORDER, _WAY = 'recorder_node.', 'drive_node.waypoints_'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -300,8 +301,14 @@ def _check_alike(found: Sequence[tuple[Judged, Path]]) -> None:
                                 f'{theirs}: these are no parts of one benchmark')
 
 
+def is_of_drive(setting: str) -> bool:
+    """Return whether drives of one benchmark may differ in a setting: in the way they follow."""
+    return setting.startswith(_WAY)
+
+
 def _settings(drive: Drive) -> str:
-    own = sorted(text for text in drive.overrides if not text.startswith(_RECORDER))
+    own = sorted(text for text in drive.overrides
+                 if not text.startswith(_RECORDER) and not is_of_drive(text))
     return ', '.join(own) or 'none'
 
 

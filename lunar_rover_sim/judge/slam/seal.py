@@ -1,7 +1,8 @@
 """A sealed benchmark: which drives count, and by what their recordings are known again.
 
-A seal is a YAML file: scenarios, seeds, duration and sensors, and of each drive the hash of its
-world, the hash of its motion, and mean grey levels of a few of its images. World and motion are
+A seal is a YAML file: scenarios, seeds, duration, sensors and settings, and of each drive the hash
+of its world, the hash of its motion, mean grey levels of a few of its images, and the settings
+that are its own, such as the way that it follows. World and motion are
 equal bit by bit on all x86-64 processors with FMA. Images are drawn by other code on other
 processors, so that single pixels differ; the means of blocks of thousands of pixels may differ by
 IMAGE_TOLERANCE. A seal also holds what a packaged estimator made of the drives, to compare with.
@@ -25,7 +26,7 @@ from lunar_rover_sim.base.errors import brief, SlamError
 from lunar_rover_sim.base.files.paths import BAG_FOLDER
 from lunar_rover_sim.base.files.results import plain
 from lunar_rover_sim.base.files.yaml_text import read_yaml, yaml_of
-from lunar_rover_sim.judge.slam.drives import Drive, Judged, read_folder
+from lunar_rover_sim.judge.slam.drives import Drive, is_of_drive, Judged, read_folder
 from lunar_rover_sim.judge.slam.table import is_success, tipped_over
 from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS
 
@@ -78,6 +79,7 @@ class Seal:
     Attributes:
         settings: Overrides of the scenarios, NODE.PARAM=VALUE.
         drives: Name of a drive → its fingerprint.
+        own: Name of a drive → overrides that other drives do not have.
         results: Of the estimator that sealed it: plain values of `scores`.
     """
 
@@ -89,7 +91,13 @@ class Seal:
     sensors: tuple[str, ...]
     settings: tuple[str, ...]
     drives: Mapping[str, Fingerprint]
+    own: Mapping[str, tuple[str, ...]]
     results: Sequence[Mapping[str, Any]] = ()
+
+    def drive(self, scenario: str, seed: int) -> Drive:
+        """Return one of the drives."""
+        plain = Drive(scenario, seed, self.duration_s)
+        return dataclasses.replace(plain, overrides=self.settings + self.own[plain.name])
 
     def problems(self, folder: Path,
                  progress: Callable[[str], None] = lambda _name: None) -> list[str]:
@@ -175,17 +183,22 @@ def write_seal(folder: Path, name: str, version: int) -> str:
     """Return the seal of a finished benchmark as YAML.
 
     Raises:
-        SlamError: If nothing is there, drives differ in duration or settings, the drives are not
-            the same seeds of each scenario, or it is a sweep.
+        SlamError: If nothing is there, drives differ in duration, or in settings other than their
+            ways, the drives are not the same seeds of each scenario, or it is a sweep.
     """
     judged = read_folder(folder)
     drives = {one.drive.name: one.drive for one in judged}
     first = next(iter(drives.values()))
     scenarios = list(dict.fromkeys(drive.scenario for drive in drives.values()))
     seeds = sorted({drive.seed for drive in drives.values()})
-    expected = {dataclasses.replace(first, scenario=scenario, seed=seed)
+    own = {name: tuple(text for text in drive.overrides if is_of_drive(text))
+           for name, drive in drives.items()}
+    common = tuple(text for text in first.overrides if not is_of_drive(text))
+    expected = {Drive(scenario, seed, first.duration_s)
                 for scenario in scenarios for seed in seeds}
-    if first.parameter or set(drives.values()) != expected:
+    if first.parameter or expected != {
+            dataclasses.replace(drive, overrides=()) for drive in drives.values()} or any(
+            drive.overrides != common + own[name] for name, drive in drives.items()):
         raise SlamError(f'{folder}: cannot be sealed: valid is each scenario with the same seeds, '
                         'one duration, the same settings, no sweep')
     return yaml_of({
@@ -193,9 +206,9 @@ def write_seal(folder: Path, name: str, version: int) -> str:
         'seeds': seeds,
         'duration_s': first.duration_s,
         'sensors': sorted({one.result.sensor for one in judged}),
-        'settings': list(first.overrides),
+        'settings': list(common),
         'drives': {name: _plain(fingerprint(folder / RECORDINGS / name / BAG_FOLDER))
-                   for name in drives},
+                   | ({'settings': list(own[name])} if own[name] else {}) for name in drives},
         'results': scores(judged)}, width=1000)
 
 
@@ -222,6 +235,8 @@ def read_seal(path: Path) -> Seal:
                     tuple(map(str, content['settings'])),
                     {str(name): Fingerprint(str(one['world']), str(one['motion']), tuple(
                         tuple(map(float, levels.split())) for levels in one['images']))
+                     for name, one in content['drives'].items()},
+                    {str(name): tuple(map(str, one.get('settings', ())))
                      for name, one in content['drives'].items()},
                     [dict(row) for row in content['results']])
     except (TypeError, KeyError, ValueError, AttributeError) as error:

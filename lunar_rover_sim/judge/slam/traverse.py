@@ -8,7 +8,7 @@ the start.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 import math
 from pathlib import Path
@@ -27,6 +27,7 @@ from lunar_rover_sim.judge.slam.drives import Drive, Judged
 from lunar_rover_sim.judge.slam.estimators import ANCHORED, Estimator
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor, Doubt
 from lunar_rover_sim.judge.slam.table import differences, is_success, tipped_over
+from lunar_rover_sim.judge.slam.ways import ALONG
 from lunar_rover_sim.run.plan import navigated_duration_s
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -72,15 +73,25 @@ class Condition:
                 *light, *more)
 
     def cells(self, estimators: Sequence[Estimator], seeds: Sequence[int],
-              more: Sequence[str] = ()) -> list[Cell]:
+              more: Sequence[str] = (),
+              ways: Mapping[int, tuple[str, ...]] | None = None) -> list[Cell]:
         """Return the cells of its benchmark.
+
+        Args:
+            ways: Seed → settings of the way that is followed; None: the navigator finds one.
 
         Raises:
             ConfigError: If a setting is not valid.
         """
         settings = self.settings(more)
         limit_s = navigated_duration_s(Scenario.load(SCENARIO, settings))
-        return benchmark.plan([SCENARIO], estimators, seeds, limit_s, overrides=settings)
+        if ways is None:
+            return benchmark.plan([SCENARIO], estimators, seeds, limit_s, overrides=settings)
+        cells = benchmark.plan([SCENARIO], estimators, seeds, limit_s,
+                               overrides=(*settings, *ALONG))
+        return [dataclasses.replace(cell, drive=dataclasses.replace(
+            cell.drive, overrides=cell.drive.overrides + ways[cell.drive.seed]))
+            for cell in cells]
 
 
 def conditions(distances_m: Sequence[float], rates_hz: Sequence[float],

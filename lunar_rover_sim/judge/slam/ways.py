@@ -1,0 +1,91 @@
+"""Ways over sites that a navigator has found, to be driven again without it.
+
+A navigator sees by the cameras, and images differ a little from processor to processor, so it
+takes another way on each. Along a given way the motion is the same on all of them, under any sun.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.series import read_odometry
+from lunar_rover_sim.base.errors import SlamError
+from lunar_rover_sim.base.files.paths import BAG_FOLDER
+from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.judge.slam.drives import is_of_drive
+from lunar_rover_sim.judge.slam.seal import read_seal, RECORDINGS
+
+_STEP_M = 0.05      # between the points that are looked at
+_JOINED_M = 0.1     # from each place to all of this radius: so what led back is left out
+_OFF_M = 0.03       # of the straight pieces from the points
+
+# Settings of a scenario with which drive_node follows a way, and the run ends at its end.
+ALONG = ('run.nodes=[physics_node, gait_controller_node, render_node, recorder_node, drive_node]',
+         'drive_node.mode=waypoints', 'drive_node.end_after_s=1', 'drive_node.stuck_time_s=60')
+
+
+def way_of(positions_m: Array) -> Array:
+    """Return (n, 2) waypoints along (m, 2) or (m, 3) positions, to 1 cm, without the first place.
+
+    It is the shortest way over the places: where the rover came back, what lies between is not.
+
+    Raises:
+        SlamError: If it has not moved.
+    """
+    points = np.asarray(positions_m, float)[:, :2]
+    driven = np.r_[0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T))]
+    if not driven[-1] > _JOINED_M:
+        raise SlamError(f'way: the rover has moved by {driven[-1]:.2f} m only')
+    points = points[np.searchsorted(driven, np.arange(0.0, driven[-1], _STEP_M))]
+    tree = cKDTree(points)
+    before = dijkstra(tree.sparse_distance_matrix(tree, _JOINED_M).tocsr(), indices=0,
+                      return_predecessors=True)[1]
+    kept = [len(points) - 1]
+    while kept[-1] > 0:
+        kept.append(before[kept[-1]])
+    corners = cv2.approxPolyDP(points[kept[::-1]].astype(np.float32)[:, None], _OFF_M, False)
+    return np.round(corners[1:, 0].astype(float), 2)
+
+
+def settings_of(way_m: Array) -> tuple[str, str]:
+    """Return the settings by which drive_node follows (n, 2) waypoints."""
+    x, y = (json.dumps([float(value) for value in axis]) for axis in way_m.T)
+    return f'drive_node.waypoints_x_m={x}', f'drive_node.waypoints_y_m={y}'
+
+
+def ways_of(source: Path, seeds: Iterable[int], scenario: str) -> dict[int, tuple[str, ...]]:
+    """Return for each seed the settings of its way.
+
+    Args:
+        source: A seal whose drives follow ways, or the folder of a benchmark or of a condition of
+            a traverse, whose recordings are followed.
+
+    Raises:
+        SlamError: If it holds no way of a seed.
+        BagError: If a recording cannot be read.
+    """
+    seeds = list(seeds)
+    found: dict[int, tuple[str, ...]] = {}
+    if source.is_dir():
+        for seed in seeds:
+            name = f'{scenario}-seed{seed}'
+            if bags := sorted(source.glob(f'**/{RECORDINGS}/{name}/{BAG_FOLDER}')):
+                with open_bag(bags[0]) as bag:
+                    found[seed] = settings_of(way_of(read_odometry(bag).positions_m))
+    else:
+        seal = read_seal(source)
+        for seed in set(seeds).intersection(seal.seeds):
+            if scenario in seal.scenarios:
+                found[seed] = tuple(filter(is_of_drive, seal.drive(scenario, seed).overrides))
+    if lacking := [seed for seed in seeds if not found.get(seed)]:
+        raise SlamError(f'{source}: holds no way of {scenario}, seed {lacking[0]}; valid is a '
+                        'seal whose drives follow ways, or a folder with a recording of each seed')
+    return found
