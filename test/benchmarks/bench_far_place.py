@@ -1,12 +1,15 @@
-"""The place of a far drive with images on maps from orbit: the graph over a recorded bag.
+"""The place of a far drive with images on maps from orbit, and what it costs: over a bag.
 
     lunar_rover_sim run expedition --seed 4 --goal 800,600 -o RUN
     lunar_rover_sim world export RUN/world -o MAPS --orbital --set orbital.extent_m=2000
     python test/benchmarks/bench_far_place.py RUN/bag MAPS --near 12,-16
 
-Bags of far drives have images, the IMU and the truth. Sun, stars and wheels are drawn from the
+Where the bag has wheels, those and sun and stars are as recorded. Else they are drawn from the
 truth, with the errors of the sensors: those of the wheels as measured on soft ground, the sun
 wherever it stands in view, the stars while the rover turns slowly.
+
+Of each 50 m it prints the processor time of the graph alone, a keyframe, and what the process has
+in memory: that of Python and its libraries, and of the bag, is there from the first line on.
 """
 
 import argparse
@@ -14,8 +17,10 @@ from collections.abc import Iterator
 import dataclasses
 import math
 from pathlib import Path
+import time
 
 import numpy as np
+import psutil
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.bag.reader import open_bag
@@ -37,6 +42,7 @@ from lunar_rover_sim.sensors.wheel_odometry import Rolling, WheelOdometryConfig
 
 EVERY_NS = 500_000_000
 SUN_DEG = 60.0, 6.0             # of the scenario `expedition`
+STRETCH_M = 50.0
 TURNED_M = 0.15                 # a foot rolls so far for each radian that the rover turns
 
 
@@ -92,16 +98,33 @@ class Drawn:
         self._before = pose
 
 
-def located(bag, anchor: Anchor) -> Iterator[tuple]:
+def located(bag, anchor: Anchor | None) -> Iterator[tuple]:
     """Yield stamp, pose and covariance of each frame, as told at the time."""
     suite = recorded_sensors(bag, (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name))
-    drawn, odometry = Drawn(bag, np.random.default_rng(7)), GraphOdometry.of(suite, True, anchor)
+    odometry = GraphOdometry.of(suite, True, anchor)
+    drawn = None if bag.counts.get(f'/{topics.WHEEL_ODOM.name}') else Drawn(
+        bag, np.random.default_rng(7))
+    way_m, place, cpu_s, keyframes, told_m = 0.0, None, 0.0, 0, STRETCH_M
     for stamp_ns, left, right, aids in steps(bag, suite):
-        found = odometry.add(stamp_ns, left, right, drawn.until(stamp_ns, aids))
-        if found is not None:
-            if found.news:
-                print(f'{1e-9 * stamp_ns:.0f} s: {found.news}', flush=True)
-            yield stamp_ns, found.T_map_left, found.covariance
+        aids = aids if drawn is None else drawn.until(stamp_ns, aids)
+        start_s = time.process_time()
+        found = odometry.add(stamp_ns, left, right, aids)
+        cpu_s += time.process_time() - start_s
+        if found is None:
+            continue
+        if found.news:
+            print(f'{1e-9 * stamp_ns:.0f} s: {found.news}', flush=True)
+            place = None        # a jump is not way
+        here = found.T_map_left[:3, 3]
+        way_m += 0.0 if place is None else math.dist(place, here)
+        place = here
+        if way_m >= told_m:
+            new = odometry.counts.keyframes - keyframes
+            print(f'{told_m:.0f} m: {1e3 * cpu_s / new:.1f} ms a keyframe of {new}, '
+                  f'{psutil.Process().memory_info().rss / 1e6:.0f} MB, '
+                  f'{odometry.counts.places} places', flush=True)
+            cpu_s, keyframes, told_m = 0.0, odometry.counts.keyframes, told_m + STRETCH_M
+        yield stamp_ns, found.T_map_left, found.covariance
     print(odometry.words)
 
 
@@ -109,12 +132,12 @@ def main() -> None:
     """Print what the graph told of its place, and how good it was."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('bag', type=Path)
-    parser.add_argument('maps', type=Path)
-    parser.add_argument('--near', required=True, help='place that the start is near to, X,Y [m]')
+    parser.add_argument('maps', type=Path, nargs='?', help='without, the graph alone')
+    parser.add_argument('--near', default='0,0', help='place that the start is near to, X,Y [m]')
     parser.add_argument('--doubt', type=float, default=50.0)
     given = parser.parse_args()
     x, y = map(float, given.near.split(','))
-    anchor = Anchor(OrbitalMap.load(given.maps), Doubt((x, y), given.doubt))
+    anchor = given.maps and Anchor(OrbitalMap.load(given.maps), Doubt((x, y), given.doubt))
     with open_bag(given.bag) as bag:
         stamps, T, P = map(np.array, zip(*located(bag, anchor)))
     told = Trajectory(stamps, T[:, :3, 3], wxyz(Rotation.from_matrix(T[:, :3, :3])), 'told', P)

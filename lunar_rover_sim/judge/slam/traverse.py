@@ -17,6 +17,7 @@ import numpy as np
 
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.files.results import markdown_table
+from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.orbital_making import orbital_map
 from lunar_rover_sim.ground.world.orbital_map import ABOUT_FILE, OrbitalConfig, OrbitalMap
 from lunar_rover_sim.ground.world.site import Site
@@ -27,7 +28,7 @@ from lunar_rover_sim.judge.slam.drives import Drive, Judged
 from lunar_rover_sim.judge.slam.estimators import ANCHORED, Estimator
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor, Doubt
 from lunar_rover_sim.judge.slam.table import differences, is_success, tipped_over
-from lunar_rover_sim.judge.slam.ways import ALONG
+from lunar_rover_sim.judge.slam.ways import ALONG, settings_of
 from lunar_rover_sim.run.plan import navigated_duration_s
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -36,6 +37,7 @@ DOUBT_M, FIX_M = 50.0, 60.0         # of the start; a first fix within this way 
 _BASE = 'reference'                 # with which the other systems are compared
 _TOWARDS = 0.8, 0.6                 # of the goal
 _BEYOND_M = 20.0                    # of a map around way and doubt
+_ASIDE_M = 5.0                      # of the goal, in which the way of a drive to it ends
 # Neither sun nor its sensor: the lamp, as in the scenario permanent_shadow.
 _BY_LAMP = ('render_node.sun.irradiance=0', 'render_node.lamp.power_w=20',
             'render_node.lamp.position_m=[0.15, 0.08, 0.08]', 'render_node.lamp.cone_deg=60',
@@ -74,23 +76,30 @@ class Condition:
 
     def cells(self, estimators: Sequence[Estimator], seeds: Sequence[int],
               more: Sequence[str] = (),
-              ways: Mapping[int, tuple[str, ...]] | None = None) -> list[Cell]:
+              ways: Mapping[int, Array] | None = None) -> list[Cell]:
         """Return the cells of its benchmark.
 
         Args:
-            ways: Seed → settings of the way that is followed; None: the navigator finds one.
+            ways: Seed → (n, 2) waypoints that are followed; None: the navigator finds a way.
 
         Raises:
             ConfigError: If a setting is not valid.
+            SlamError: If a way does not end near the goal.
         """
         settings = self.settings(more)
         limit_s = navigated_duration_s(Scenario.load(SCENARIO, settings))
         if ways is None:
             return benchmark.plan([SCENARIO], estimators, seeds, limit_s, overrides=settings)
+        goal = [self.distance_m * part for part in _TOWARDS]
+        for seed in seeds:
+            if (off_m := math.dist(goal, ways[seed][-1])) > _ASIDE_M:
+                raise SlamError(f'distances: {self.distance_m:g} is not valid with this way of '
+                                f'seed {seed}, which ends {off_m:.1f} m off the goal; valid is '
+                                f'up to {_ASIDE_M:g} m')
         cells = benchmark.plan([SCENARIO], estimators, seeds, limit_s,
                                overrides=(*settings, *ALONG))
         return [dataclasses.replace(cell, drive=dataclasses.replace(
-            cell.drive, overrides=cell.drive.overrides + ways[cell.drive.seed]))
+            cell.drive, overrides=cell.drive.overrides + settings_of(ways[cell.drive.seed])))
             for cell in cells]
 
 

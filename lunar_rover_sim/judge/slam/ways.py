@@ -20,8 +20,7 @@ from lunar_rover_sim.bag.series import read_odometry
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.files.paths import BAG_FOLDER
 from lunar_rover_sim.base.frames import Array
-from lunar_rover_sim.judge.slam.drives import is_of_drive
-from lunar_rover_sim.judge.slam.seal import read_seal, RECORDINGS
+from lunar_rover_sim.judge.slam.seal import read_seal, RECORDINGS, Seal
 
 _STEP_M = 0.05      # between the points that are looked at
 _JOINED_M = 0.1     # from each place to all of this radius: so what led back is left out
@@ -61,8 +60,8 @@ def settings_of(way_m: Array) -> tuple[str, str]:
     return f'drive_node.waypoints_x_m={x}', f'drive_node.waypoints_y_m={y}'
 
 
-def ways_of(source: Path, seeds: Iterable[int], scenario: str) -> dict[int, tuple[str, ...]]:
-    """Return for each seed the settings of its way.
+def ways_of(source: Path, seeds: Iterable[int], scenario: str) -> dict[int, Array]:
+    """Return seed → (n, 2) waypoints [m].
 
     Args:
         source: A seal whose drives follow ways, or the folder of a benchmark or of a condition of
@@ -72,20 +71,24 @@ def ways_of(source: Path, seeds: Iterable[int], scenario: str) -> dict[int, tupl
         SlamError: If it holds no way of a seed.
         BagError: If a recording cannot be read.
     """
-    seeds = list(seeds)
-    found: dict[int, tuple[str, ...]] = {}
-    if source.is_dir():
-        for seed in seeds:
-            name = f'{scenario}-seed{seed}'
-            if bags := sorted(source.glob(f'**/{RECORDINGS}/{name}/{BAG_FOLDER}')):
-                with open_bag(bags[0]) as bag:
-                    found[seed] = settings_of(way_of(read_odometry(bag).positions_m))
-    else:
-        seal = read_seal(source)
-        for seed in set(seeds).intersection(seal.seeds):
-            if scenario in seal.scenarios:
-                found[seed] = tuple(filter(is_of_drive, seal.drive(scenario, seed).overrides))
-    if lacking := [seed for seed in seeds if not found.get(seed)]:
-        raise SlamError(f'{source}: holds no way of {scenario}, seed {lacking[0]}; valid is a '
-                        'seal whose drives follow ways, or a folder with a recording of each seed')
-    return found
+    seal = None if source.is_dir() else read_seal(source)
+    return {seed: _recorded(source, f'{scenario}-seed{seed}') if seal is None
+            else _sealed(seal, source, f'{scenario}-seed{seed}') for seed in seeds}
+
+
+def _recorded(folder: Path, name: str) -> Array:
+    if not (bags := sorted(folder.glob(f'**/{RECORDINGS}/{name}/{BAG_FOLDER}'))):
+        raise SlamError(f'{folder}: holds no recording of {name}, whose way could be followed')
+    with open_bag(bags[0]) as bag:
+        return way_of(read_odometry(bag).positions_m)
+
+
+def _sealed(seal: Seal, path: Path, name: str) -> Array:
+    texts = [text.partition('=')[2] for text in seal.own.get(name, ())]
+    try:
+        way = np.array([json.loads(text) for text in texts], float).T
+    except ValueError:
+        way = np.zeros(0)
+    if way.ndim != 2 or way.shape[1] != 2:
+        raise SlamError(f'{path}: holds no way of {name}')
+    return way

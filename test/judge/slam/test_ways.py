@@ -118,10 +118,13 @@ def test_a_seal_keeps_the_ways(sealed, tmp_path, monkeypatch):
 
 def test_without_a_way_nothing_is_driven(sealed, tmp_path):
     path, _ = sealed
-    with pytest.raises(SlamError, match='holds no way of expedition, seed 1003'):
+    with pytest.raises(SlamError, match='holds no way of expedition-seed1003'):
         ways_of(path, [1002, 1003], 'expedition')
-    with pytest.raises(SlamError, match='holds no way of expedition, seed 5'):
+    with pytest.raises(SlamError, match='holds no recording of expedition-seed5'):
         ways_of(tmp_path / 'navigated', [5], 'expedition')
+    with pytest.raises(SlamError, match='distances: 30 is not valid with this way of seed 1001'):
+        execute(['benchmark', 'traverse', '-o', str(tmp_path / 'x'), '--along', str(path),
+                 '--distances', '30', '--sites', '1'])
     with pytest.raises(ConfigError, match='nowhere'):
         execute(['benchmark', 'traverse', '-o', str(tmp_path / 'x'), '--along', 'nowhere'])
     assert not (tmp_path / 'x').exists()
