@@ -298,6 +298,8 @@ class GraphOdometry:
         self._anchor.add(key, self._pose, np.zeros((0, 3)) if new is None else new.points_m,
                          self._T_base_left)
         news = self._anchor.look(self._graph)
+        if not self._graph.has_new:
+            return news
         again = self._solve(key, self._pose, self._covariance)
         self._read_back()
         return again or news

@@ -86,6 +86,11 @@ class PoseGraph:
         self._factors.add(self._gtsam.PoseRotationPrior3D(
             key, self._gtsam.Rot3(R_map_base), self._noise(covariance_rad2)))
 
+    @property
+    def has_new(self) -> bool:
+        """Whether factors were added since it was solved."""
+        return bool(self._factors.size())
+
     def solve(self) -> None:
         """Take in what was added.
 
