@@ -136,7 +136,8 @@ def test_links_of_pages_outside_sphinx() -> None:
 
 def test_rover_file(tmp_path: Path) -> None:
     """The rover of the how-to page is one: it loads, and differs where it says so."""
-    (block,) = [snippet for snippet in snippets('yaml') if snippet.page.name == 'own_rover.md']
+    (block,) = [snippet for snippet in snippets('yaml')
+                if snippet.page.name == 'rover_and_gait.md']
     (tmp_path / 'rover.yaml').write_text(block.text, encoding='utf-8')
     rover = load_rover(tmp_path / 'rover.yaml')
     assert (rover.chassis.mass_kg, rover.legs.spoke_length_m, rover.stereo.baseline_m) == \

@@ -14,15 +14,11 @@ from synthetic_bag import drive, write
 
 from lunar_rover_sim.run.scenario import Scenario
 
-PAGES = {page: list(blocks) for page, blocks in
-         itertools.groupby(snippets('python'), key=lambda snippet: snippet.page)}
-# A node, run as a program of its own by test_controller_tutorial.
+# Blocks that start a graph, and a node, are run by test_tutorials_with_ros.
+PAGES = {page: list(blocks) for page, blocks in itertools.groupby(
+    (snippet for snippet in snippets('python') if 'record(' not in snippet.text),
+    key=lambda snippet: snippet.page)}
 PROGRAMS = {'controller.md'}
-
-
-def needs_ros(blocks: list[Snippet]) -> bool:
-    """Return whether a page starts a graph."""
-    return any('record(' in block.text for block in blocks)
 
 
 @pytest.fixture()
@@ -38,7 +34,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.mark.parametrize('blocks', [
     pytest.param(blocks, id=blocks[0].name) for page, blocks in PAGES.items()
-    if page.name not in PROGRAMS and not needs_ros(blocks)])
+    if page.name not in PROGRAMS])
 def test_page(blocks: list[Snippet], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The blocks of a page run one after the other, on a small world with small images."""
     load = Scenario.load

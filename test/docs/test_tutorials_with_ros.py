@@ -66,7 +66,7 @@ def test_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         values['physics_node.ground.model'] = 'rigid'
         return load(name, {**values, **changes}, **{**options, 'duration_s': 1.0})
 
-    (block,) = blocks('howto/record_in_python.md', 'python')
+    block = blocks('howto/bags_in_python.md', 'python')[0]
     monkeypatch.setattr(Scenario, 'load', load_small)
     monkeypatch.chdir(tmp_path)
     exec(compile(block.text, block.name, 'exec'), {})
