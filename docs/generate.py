@@ -37,7 +37,7 @@ SECTIONS: dict[str, type[Parameters]] = {
     SHARED: NodeConfig, 'run': RunConfig, 'world': WorldConfig, 'rover': RoverDescription,
     **NODE_CONFIGS, **COMPANION_CONFIGS, 'orbital': OrbitalConfig}
 
-SEVERAL = 3     # commands that have an option alike: it stands once, before them
+SEVERAL = 2     # commands that have an option alike: it stands once, before them
 
 # What a program may need besides the names that the package exports.
 MODULES = {
@@ -83,18 +83,20 @@ def topic_table() -> str:
             continue
         parts += [f'### Published by {node}', '', '| topic | type | rate | frame | notes |',
                   '|---|---|---|---|---|']
+        names: dict[str, list[str]] = {}        # what is alike but for its name is one row
         for topic in topics.CONTRACT:
             if topic.node != node:
                 continue
             rate = rates.get(topic.rate, topic.rate)
             if topic is topics.CMD_VEL:
                 rate = f'{nodes["drive_node"].rate_hz} Hz'               # type: ignore
-            if not topic.in_all:
-                rate += ', on request'
             frame = f'`{topic.frame_id}`' if topic.frame_id else ''
-            parts.append(f'| `{topic.name}` | {cell(topic.type.replace("/msg/", "/"))} | '
-                         f'{rate} | {frame} | {cell(topic.note)} |')
-        parts.append('')
+            if not topic.in_all:
+                rate += '*'
+            row = (f'{cell(topic.type.replace("/msg/", "/"))} | {rate} | {frame} | '
+                   f'{cell(topic.note)}')
+            names.setdefault(row, []).append(f'`{topic.name}`')
+        parts += [*(f'| {", ".join(alike)} | {row} |' for row, alike in names.items()), '']
     return '\n'.join(parts)
 
 
@@ -133,15 +135,15 @@ def _followed(section: str, name: str) -> bool:
 
 
 def _rows(parameters: Iterable[tuple[str, object, ParamInfo]]) -> list[str]:
-    """Return a table of parameters; those of several groups that are alike are one row."""
-    names: dict[tuple[str, object, ParamInfo], list[str]] = {}
+    """Return a table of parameters; those that are alike but for their names are one row."""
+    names: dict[tuple[str, ParamInfo], list[str]] = {}
     for name, value, info in parameters:
         if not info.by_run:
-            names.setdefault((name.rpartition('.')[2], value, info), []).append(f'`{name}`')
+            names.setdefault((plain(value), info), []).append(f'`{name}`')
     return ['| parameter | default | valid | meaning |', '|---|---|---|---|',
-            *(f'| {", ".join(alike)} | `{plain(value)}` | {cell(info.valid())} | '
+            *(f'| {", ".join(alike)} | `{value}` | {cell(info.valid().replace("one of ", ""))} | '
               f'{cell(info.doc)}{" (live)" if info.live else ""} |'
-              for (_, value, info), alike in names.items())]
+              for (value, info), alike in names.items())]
 
 
 def plain(value: object) -> str:
@@ -167,9 +169,8 @@ def command_pages() -> str:
     parts = ['## Of several commands', '', *_arguments(common), '']
     for name, context in contexts.items():
         command = context.command
-        usage = ' '.join([context.command_path, *command.collect_usage_pieces(context)])
-        parts += [f'## `{name}`', '', cell(' '.join((command.help or '').split())),
-                  '', f'`{usage}`', '']
+        usage = ' '.join([name, *command.collect_usage_pieces(context)[1:]])
+        parts += [f'## `{usage}`', '', cell(' '.join((command.help or '').split())), '']
         if rows := [record for record in records[name] if record not in common]:
             parts += [*_arguments(rows), '']
         if alike := [f'`{words}`' for words, meaning in records[name]
@@ -189,14 +190,12 @@ def python_table() -> str:
     def subject(item: object) -> str:
         return cell((inspect.getdoc(item) or '').partition('\n')[0])
 
-    rows = [f'| `{item.__name__}` | `{item.__module__}` | {subject(item)} |'
-            for item in (getattr(lunar_rover_sim, name) for name in lunar_rover_sim.__all__)]
-    lines = ['| name | module | meaning |', '|---|---|---|', *rows, '',
-             '| beside them | module | subject |', '|---|---|---|']
-    for title, modules in MODULES.items():
-        for name in modules:
-            module = importlib.import_module(f'lunar_rover_sim.{name}')
-            lines.append(f'| {title} | `{module.__name__}` | {subject(module)} |')
+    rows = [f'| `{name}` | {subject(getattr(lunar_rover_sim, name))} |'
+            for name in lunar_rover_sim.__all__]
+    lines = ['| name | meaning |', '|---|---|', *rows, '', '| module | subject |', '|---|---|']
+    for name in itertools.chain(*MODULES.values()):
+        module = importlib.import_module(f'lunar_rover_sim.{name}')
+        lines.append(f'| `{module.__name__}` | {subject(module)} |')
     return '\n'.join(lines)
 
 

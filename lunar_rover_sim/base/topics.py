@@ -60,56 +60,53 @@ class Topic:
 
 
 CLOCK = Topic('clock', 'rosgraph_msgs/msg/Clock', STATE, 'physics_node', '',
-              'integer step count times integer ns; `/clock` in every namespace, since '
-              'use_sim_time looks for it there')
+              '`/clock` in every namespace')
 ODOM = Topic('odom', 'nav_msgs/msg/Odometry', STATE, 'physics_node', frames.ODOM_FRAME,
-             'true pose and twist; twist in base_link; not where `separate_truth` is set')
+             'true pose; twist in base_link')
 TRUE_ODOM = Topic('ground_truth/odom', 'nav_msgs/msg/Odometry', STATE, 'physics_node',
                   frames.TRUE_ODOM_FRAME, 'the same instead, where `separate_truth` is set')
 JOINT_STATES = Topic('joint_states', 'sensor_msgs/msg/JointState', STATE, 'physics_node', '',
                      'leg angles [rad, unwrapped], velocities [rad/s], motor torques [N m]')
 IMU_RAW = Topic('imu/data_raw', 'sensor_msgs/msg/Imu', STATE, 'physics_node', frames.IMU_FRAME,
-                'noisy specific force and rate; no orientation (REP-145)')
+                'noisy; no orientation (REP-145)')
 IMU_TRUTH = Topic('ground_truth/imu', 'sensor_msgs/msg/Imu', STATE, 'physics_node',
-                  frames.IMU_FRAME, 'noise-free signal with orientation')
+                  frames.IMU_FRAME, 'without noise, with orientation')
 IMU_BIAS = Topic('ground_truth/imu_bias', 'geometry_msgs/msg/AccelStamped', STATE, 'physics_node',
-                 frames.IMU_FRAME, 'true bias: accelerometer [m/s^2], gyroscope [rad/s]')
+                 frames.IMU_FRAME, 'accelerometer [m/s^2], gyroscope [rad/s]')
 CONTACT = Topic(f'contacts/{LEG}', 'geometry_msgs/msg/WrenchStamped', STATE, 'physics_node',
-                frames.leg_frame(LEG), 'of each leg: ground reaction on it, torque about its axle '
-                '[N, N m]')
+                frames.leg_frame(LEG), 'of each leg: ground reaction [N], torque about its axle '
+                '[N m]')
 GROUND_CHANGES = Topic('ground/changes', 'sensor_msgs/msg/PointCloud2', FRAME, 'physics_node',
-                       frames.ODOM_FRAME, 'where ground.model is regolith: samples that changed '
-                       'since the message before; height_change and compaction are absolute [m]')
+                       frames.ODOM_FRAME, 'on regolith: samples that changed since the message '
+                       'before')
 GROUND_SNAPSHOT = Topic('ground/snapshot', 'sensor_msgs/msg/PointCloud2', LATCHED, 'physics_node',
-                        frames.ODOM_FRAME, 'where ground.model is regolith: all changed samples, '
-                        'anew for every reader that joins', in_all=False)
+                        frames.ODOM_FRAME, 'on regolith: all changed samples', in_all=False)
 SINKAGE = Topic('ground_truth/sinkage', 'sensor_msgs/msg/JointState', STATE, 'physics_node',
-                frames.BASE_FRAME, 'where ground.model is regolith: position is how deep each leg '
-                'stands in the ground [m]', in_all=False)
+                frames.BASE_FRAME, 'on regolith: depth of each leg in the ground', in_all=False)
 FOOT_SLIP = Topic('ground_truth/slip', 'sensor_msgs/msg/JointState', STATE, 'physics_node',
-                  frames.BASE_FRAME, 'velocity: slip and sweep of each foot along the heading '
-                  '[m/s]; position: their sums [m]', in_all=False)
+                  frames.BASE_FRAME, 'slip and sweep of each foot along the heading',
+                  in_all=False)
 WHEEL_ODOM = Topic('wheel/odometry', 'nav_msgs/msg/Odometry', STATE, 'physics_node',
-                   frames.WHEEL_ODOM_FRAME, 'pose and twist from the encoders of the legs alone, '
-                   'with their covariance', in_all=False)
+                   frames.WHEEL_ODOM_FRAME, 'from the encoders of the legs alone, with covariance',
+                   in_all=False)
 POWER = tuple(
     Topic(f'power/{line}', 'sensor_msgs/msg/BatteryState', STATE, 'physics_node', '',
-          f'voltage and current in the supply line of {of}, as a power monitor shows them; '
-          'negative where power is drawn [V, A]', in_all=False)
+          f'measured voltage and current of {of} [V, A]; negative where power is drawn',
+          in_all=False)
     for line, of in ((LEG, 'the motor of each leg'), ('bus', 'all motors')))
 SUN_SENSOR = Topic('sun_sensor/direction', 'geometry_msgs/msg/Vector3Stamped', EVENT,
                    'physics_node', frames.BASE_FRAME, 'measured unit vector to the sun, at '
                    'sun_sensor.rate_hz; silent in shadow', in_all=False)
 STAR_TRACKER = Topic('star_tracker/attitude', 'sensor_msgs/msg/Imu', EVENT, 'physics_node',
-                     frames.BASE_FRAME, 'measured orientation of base_link in the world with its '
-                     'covariance, at star_tracker.rate_hz; silent while stars cannot be seen',
-                     in_all=False)
+                     frames.BASE_FRAME, 'measured orientation of base_link in the world, at '
+                     'star_tracker.rate_hz; silent while stars cannot be seen', in_all=False)
 SOLAR_POWER = Topic('power/solar', 'sensor_msgs/msg/BatteryState', EVENT, 'physics_node', '',
-                    'voltage and current that the solar panel gives to the supply [V, A], at '
-                    'solar_panel.rate_hz; 0 in shadow', in_all=False)
+                    'voltage and current of the solar panel [V, A], at solar_panel.rate_hz',
+                    in_all=False)
 JOINT_COMMANDS = Topic('joint_commands', 'sensor_msgs/msg/JointState', STATE,
                        'gait_controller_node', '',
-                       'velocity command [rad/s], reference angle [rad]; stamp = state answered')
+                       'velocity command [rad/s], reference angle [rad]; stamp of the state '
+                       'answered')
 CMD_VEL = Topic('cmd_vel', 'geometry_msgs/msg/TwistStamped', EVENT, 'drive_node',
                 frames.BASE_FRAME, 'Twist where enable_stamped_cmd_vel is false')
 LEFT_IMAGE = Topic('stereo/left/image_raw', 'sensor_msgs/msg/Image', FRAME, 'render_node',
@@ -118,74 +115,64 @@ LEFT_IMAGE = Topic('stereo/left/image_raw', 'sensor_msgs/msg/Image', FRAME, 'ren
 RIGHT_IMAGE = Topic('stereo/right/image_raw', 'sensor_msgs/msg/Image', FRAME, 'render_node',
                     frames.LEFT_OPTICAL_FRAME, 'mono8')
 LEFT_INFO = Topic('stereo/left/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
-                  frames.LEFT_OPTICAL_FRAME, 'REP-104; the stamp is the middle of the exposure, '
+                  frames.LEFT_OPTICAL_FRAME, 'the stamp is the middle of the exposure, '
                   'with a rolling shutter of that of the middle row')
 RIGHT_INFO = Topic('stereo/right/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
-                   frames.LEFT_OPTICAL_FRAME, 'REP-104; P[3] = -fx B, so P projects points of '
-                   'the frame, that of the left camera')
+                   frames.LEFT_OPTICAL_FRAME, 'P[3] = -fx B')
 EXPOSURE = Topic('stereo/exposure', 'sensor_msgs/msg/JointState', FRAME, 'render_node',
                  frames.LEFT_OPTICAL_FRAME, 'position: exposure time of the left and the right '
                  'image [s]')
 DISPARITY = Topic('stereo/disparity', 'stereo_msgs/msg/DisparityImage', DEPTH_FRAME,
-                  'render_node', frames.LEFT_OPTICAL_FRAME,
-                  'semi-global matching on the rendered pair')
+                  'render_node', frames.LEFT_OPTICAL_FRAME, 'by semi-global matching (SGM)')
 DEPTH = Topic('stereo/depth/image', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
-              frames.LEFT_OPTICAL_FRAME, 'depth from SGM, 32FC1 [m], NaN where unknown (REP-118)')
+              frames.LEFT_OPTICAL_FRAME, 'by SGM, 32FC1 [m], NaN where unknown (REP-118)')
 DEPTH_INFO = Topic('stereo/depth/camera_info', 'sensor_msgs/msg/CameraInfo', DEPTH_FRAME,
                    'render_node', frames.LEFT_OPTICAL_FRAME,
-                   'that of the left camera, beside the depth image')
+                   'that of the left camera, for the true depth too')
 LEFT_COMPRESSED = Topic('stereo/left/image_raw/compressed', 'sensor_msgs/msg/CompressedImage',
-                        FRAME, 'render_node', frames.LEFT_OPTICAL_FRAME,
-                        'JPEG or PNG, as compressed_image_transport', in_all=False)
+                        FRAME, 'render_node', frames.LEFT_OPTICAL_FRAME, 'JPEG or PNG',
+                        in_all=False)
 RIGHT_COMPRESSED = Topic('stereo/right/image_raw/compressed', 'sensor_msgs/msg/CompressedImage',
-                         FRAME, 'render_node', frames.LEFT_OPTICAL_FRAME,
-                         'JPEG or PNG, as compressed_image_transport', in_all=False)
+                         FRAME, 'render_node', frames.LEFT_OPTICAL_FRAME, 'JPEG or PNG',
+                         in_all=False)
 POINTS = Topic('stereo/points2', 'sensor_msgs/msg/PointCloud2', DEPTH_FRAME, 'render_node',
-               frames.LEFT_OPTICAL_FRAME, 'from SGM: x, y, z [m], intensity of the left image; '
-               'one point a pixel, NaN where unknown', in_all=False)
+               frames.LEFT_OPTICAL_FRAME, 'by SGM', in_all=False)
 TRUE_DEPTH = Topic('ground_truth/depth/image', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
-                   frames.LEFT_OPTICAL_FRAME, 'depth of the scene, 32FC1 [m], +Inf for the sky')
+                   frames.LEFT_OPTICAL_FRAME, '32FC1 [m], +Inf for the sky')
 CHASE_IMAGE = Topic('chase/image_raw', 'sensor_msgs/msg/Image', EVENT, 'render_node',
                     frames.CHASE_OPTICAL_FRAME, 'the rover from outside, where chase.enabled is '
                     'set; at chase.rate_hz', in_all=False)
 CHASE_INFO = Topic('chase/camera_info', 'sensor_msgs/msg/CameraInfo', EVENT, 'render_node',
-                   frames.CHASE_OPTICAL_FRAME, 'that of the chase camera', in_all=False)
+                   frames.CHASE_OPTICAL_FRAME, in_all=False)
 CHASE_POSE = Topic('chase/pose', 'geometry_msgs/msg/PoseStamped', EVENT, 'render_node',
-                   frames.ODOM_FRAME, 'of its optical frame, which moves', in_all=False)
+                   frames.ODOM_FRAME, 'of its optical frame', in_all=False)
 HAZARD_IMAGE = Topic(f'hazard/{NAME}/image_raw', 'sensor_msgs/msg/Image', EVENT, 'render_node',
                      f'hazard_{NAME}_optical_frame', 'of each camera in hazard, at its rate_hz; '
                      f'of a pair, hazard/{NAME}/left/image_raw and right', in_all=False)
 HAZARD_INFO = Topic(f'hazard/{NAME}/camera_info', 'sensor_msgs/msg/CameraInfo', EVENT,
-                    'render_node', f'hazard_{NAME}_optical_frame', 'equidistant or plumb_bob; of '
-                    'a pair, also left and right', in_all=False)
+                    'render_node', f'hazard_{NAME}_optical_frame', 'equidistant or plumb_bob',
+                    in_all=False)
 LABELS = Topic('ground_truth/labels', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
-               frames.LEFT_OPTICAL_FRAME, 'mono16: what each pixel shows, see '
-               '`ground_truth/label_info`', in_all=False)
+               frames.LEFT_OPTICAL_FRAME, 'mono16', in_all=False)
 CRATERS = Topic('ground_truth/craters', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
-                frames.LEFT_OPTICAL_FRAME, 'mono16: number of the youngest crater that the ground '
-                'lies in, 0 outside all', in_all=False)
+                frames.LEFT_OPTICAL_FRAME, 'mono16', in_all=False)
 SHADOW = Topic('ground_truth/shadow', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
-               frames.LEFT_OPTICAL_FRAME, 'rgb8, over 255: share of the sun that is seen, '
-               'share that only the rover hides, how partly it is lit', in_all=False)
+               frames.LEFT_OPTICAL_FRAME, 'rgb8, shares over 255', in_all=False)
 NORMALS = Topic('ground_truth/normals', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
-                frames.LEFT_OPTICAL_FRAME, '32FC3: unit normals of the surface, 0 for the sky',
-                in_all=False)
+                frames.LEFT_OPTICAL_FRAME, '32FC3', in_all=False)
 OPTICAL_FLOW = Topic('ground_truth/optical_flow', 'sensor_msgs/msg/Image', DEPTH_FRAME,
-                     'render_node', frames.LEFT_OPTICAL_FRAME, '32FC2: from each pixel to its '
-                     'place in the frame of the message before [px]', in_all=False)
+                     'render_node', frames.LEFT_OPTICAL_FRAME, '32FC2 [px]', in_all=False)
 SCENE_FLOW = Topic('ground_truth/scene_flow', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
-                   frames.LEFT_OPTICAL_FRAME, '32FC3: the same from point to point [m], NaN for '
-                   'the sky', in_all=False)
+                   frames.LEFT_OPTICAL_FRAME, '32FC3 [m]', in_all=False)
 OF_RIGHT = tuple(
-    dataclasses.replace(left, name=left.name.replace('/', '/right/', 1), note=f'as {left.name}, '
-                        'of the right camera', frame_id=frames.RIGHT_OPTICAL_FRAME,
-                        in_all=False)
+    dataclasses.replace(left, name=left.name.replace('/', '/right/', 1), in_all=False,
+                        note='as of the left camera', frame_id=frames.RIGHT_OPTICAL_FRAME)
     for left in (TRUE_DEPTH, LABELS, CRATERS, SHADOW, NORMALS))
 RIGHT_TRUE_DEPTH, RIGHT_LABELS, RIGHT_CRATERS, RIGHT_SHADOW, RIGHT_NORMALS = OF_RIGHT
 # Pictures of images of two or three floats, which viewers do not show.
 OF_COLOURS = tuple(
     Topic(f'{shown.name}/image_color', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
-          shown.frame_id, f'rgb8, for viewers: {shown.name}, {colours}', in_all=False)
+          shown.frame_id, f'rgb8, for viewers: {colours}', in_all=False)
     for shown, colours in (
         (NORMALS, '127.5 (1 + n); black for the sky'),
         (RIGHT_NORMALS, '127.5 (1 + n); black for the sky'),
@@ -194,49 +181,44 @@ OF_COLOURS = tuple(
                      'it, full at 0.1 m')))
 NORMALS_COLOUR, RIGHT_NORMALS_COLOUR, FLOW_COLOUR, SCENE_FLOW_COLOUR = OF_COLOURS
 HAZARD_LABELS = Topic(f'ground_truth/hazard/{NAME}/labels', 'sensor_msgs/msg/Image', EVENT,
-                      'render_node', f'hazard_{NAME}_optical_frame', 'as ground_truth/labels, of '
-                      'a hazard camera', in_all=False)
+                      'render_node', f'hazard_{NAME}_optical_frame', 'as of the pair',
+                      in_all=False)
 HAZARD_CRATERS = Topic(f'ground_truth/hazard/{NAME}/craters', 'sensor_msgs/msg/Image', EVENT,
-                       'render_node', f'hazard_{NAME}_optical_frame', 'as ground_truth/craters, '
-                       'of a hazard camera', in_all=False)
+                       'render_node', f'hazard_{NAME}_optical_frame', 'as of the pair',
+                       in_all=False)
 HAZARD_DEPTH = Topic(f'ground_truth/hazard/{NAME}/depth/image', 'sensor_msgs/msg/Image', EVENT,
-                     'render_node', f'hazard_{NAME}_optical_frame', 'as ground_truth/depth/image, '
-                     'of a hazard camera; of a fisheye the distance from it', in_all=False)
+                     'render_node', f'hazard_{NAME}_optical_frame', 'of a fisheye the distance '
+                     'from it', in_all=False)
 OF_HAZARD = HAZARD_IMAGE, HAZARD_INFO, HAZARD_LABELS, HAZARD_CRATERS, HAZARD_DEPTH
 LABEL_INFO = Topic('ground_truth/label_info', 'std_msgs/msg/String', LATCHED, 'render_node', '',
-                   'names of the labels, as JSON with the fields of vision_msgs/LabelInfo, and '
-                   'catalogues of rocks and craters', in_all=False)
+                   'names of the labels, catalogues of rocks and craters, as JSON', in_all=False)
 BOXES = Topic('ground_truth/boxes', 'vision_msgs/msg/Detection2DArray', DEPTH_FRAME,
-              'render_node', frames.LEFT_OPTICAL_FRAME, 'boxes of rocks and craters that show 10 '
-              'pixels or more, where vision_msgs is installed', in_all=False)
+              'render_node', frames.LEFT_OPTICAL_FRAME, 'where vision_msgs is installed',
+              in_all=False)
 MISCALIBRATION = Topic('ground_truth/miscalibration', 'std_msgs/msg/String', LATCHED,
                        'render_node', '', 'how the right camera differs from its CameraInfo, '
                        'as JSON, where miscalibration is set')
 LABEL_CLASSES = Topic('ground_truth/label_classes', 'vision_msgs/msg/LabelInfo', LATCHED,
-                      'render_node', frames.LEFT_OPTICAL_FRAME, 'names of the labels, where '
-                      'vision_msgs is installed', in_all=False)
+                      'render_node', frames.LEFT_OPTICAL_FRAME, 'where vision_msgs is installed',
+                      in_all=False)
 VISION_INFO = Topic('ground_truth/vision_info', 'vision_msgs/msg/VisionInfo', LATCHED,
-                    'render_node', frames.LEFT_OPTICAL_FRAME, 'how labels and boxes are made, and '
-                    'the hash of the world, where vision_msgs is installed', in_all=False)
+                    'render_node', frames.LEFT_OPTICAL_FRAME, 'where vision_msgs is installed',
+                    in_all=False)
 LIDAR_POINTS = Topic('lidar/points', 'sensor_msgs/msg/PointCloud2', EVENT, 'lidar_node',
-                     frames.LIDAR_FRAME, 'x, y, z [m], intensity [%], ring, time [s] as drivers '
-                     'of Velodyne name them; each point as the sensor sees it at its time. The '
+                     frames.LIDAR_FRAME, 'each point as the sensor sees it at its time; the '
                      'stamp is the start of the scan', in_all=False)
 LIDAR_DESKEWED = Topic('lidar/points_deskewed', 'sensor_msgs/msg/PointCloud2', EVENT,
                        'lidar_node', frames.LIDAR_FRAME, 'the same points in the frame of the '
                        'start of the scan, by the true motion', in_all=False)
 LIDAR_SCAN = Topic('lidar/scan', 'sensor_msgs/msg/LaserScan', EVENT, 'lidar_node',
-                   frames.LIDAR_FRAME, 'one ring of it, inf where nothing returns',
-                   in_all=False)
+                   frames.LIDAR_FRAME, 'one ring of it', in_all=False)
 OF_LIDAR = LIDAR_POINTS, LIDAR_DESKEWED, LIDAR_SCAN
 LIDAR_SCANNED = Topic('lidar/scanned', 'std_msgs/msg/Header', SCAN, 'lidar_node', '',
-                      'stamp by whose time all scans that had ended are published, for those who '
-                      'read them')
+                      'stamp by whose time all scans that had ended are published')
 SUN = Topic('sun', 'geometry_msgs/msg/Vector3Stamped', LATCHED, 'render_node', frames.ODOM_FRAME,
             'unit vector to the sun; that of a date moves: a message every `sun.step_deg`, '
             'stamped with the time from which it holds')
-WORLD_HASH = Topic('world_hash', 'std_msgs/msg/String', LATCHED, 'physics_node', '',
-                   'content hash of the world that physics collides with')
+WORLD_HASH = Topic('world_hash', 'std_msgs/msg/String', LATCHED, 'physics_node', '')
 WORLD_WINDOW = Topic('world/window', 'geometry_msgs/msg/PointStamped', LATCHED, 'physics_node',
                      frames.ODOM_FRAME, 'x, y: middle of the window of the site in which the '
                      'rover is; the stamp is that of the first state in it')
@@ -251,24 +233,21 @@ TF_STATIC = Topic('tf_static', 'tf2_msgs/msg/TFMessage', LATCHED, 'physics_node'
 RECORDED = Topic('recorder/written', 'std_msgs/msg/Header', EVENT, 'recorder_node', '',
                  'stamp up to which everything is written')
 DIAGNOSTICS = Topic('diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', EVENT, 'physics_node',
-                    '', 'once per second of wall time, by render_node, recorder_node and '
-                    'slam_node too; the name is absolute, /diagnostics, as diagnostic_updater '
-                    'has it',
-                    in_all=False)
+                    '', 'by other nodes too, see below', in_all=False)
 SLAM_POSE = Topic('slam/pose', 'geometry_msgs/msg/PoseStamped', EVENT, 'slam_node', '',
                   'of the left camera in the map of the program, for every tracked frame')
 SLAM_COVARIANCE = Topic('slam/pose_with_covariance',
                         'geometry_msgs/msg/PoseWithCovarianceStamped', EVENT, 'slam_node', '',
-                        'the same with its covariance, where slam_node.system is graph')
+                        'the same, where slam_node.system is graph')
 SLAM_STATUS = Topic('slam/status', 'diagnostic_msgs/msg/DiagnosticArray', FRAME, 'slam_node', '',
-                    'initialising, tracking or lost, and the place on a map from orbit, where '
-                    'there is one; in lockstep of every frame')
+                    'initialising, tracking or lost, and the place on a map from orbit; in '
+                    'lockstep of every frame')
 TRAVERSABILITY = Topic('map/traversability', 'nav_msgs/msg/OccupancyGrid', DEPTH_FRAME,
                        'mapping_node', frames.ODOM_FRAME, '0 free to 99, 100 not to be crossed, '
                        '-1 unknown; map_load_time is the stamp of the newest depth in it')
 ELEVATION = Topic('map/elevation', 'sensor_msgs/msg/PointCloud2', EVENT, 'mapping_node',
-                  frames.ODOM_FRAME, 'x, y, z [m] and standard deviation of z of the known cells, '
-                  'every mapping_node.elevation_period_s')
+                  frames.ODOM_FRAME, 'known cells, with the standard deviation of z [m], every '
+                  'mapping_node.elevation_period_s')
 PLAN = Topic('plan', 'nav_msgs/msg/Path', EVENT, 'navigator_node', frames.ODOM_FRAME,
              'what the navigator follows; sent when it changes, empty without a plan')
 GLOBAL_PLAN = Topic('global_plan', 'nav_msgs/msg/Path', LATCHED, 'navigator_node',

@@ -179,8 +179,8 @@ def view(bag: Path, port: int, speed: float, allow_origin: Sequence[str],
 
 @options.command()
 @options.bag()
-@options.new_folder('write the readable bag there, for instance where the disk of the other one '
-                    'is full; by default it takes its place', required=False)
+@options.new_folder('write the readable bag there; by default it takes the place of the other',
+                    required=False)
 def recover(bag: Path, output: Path | None) -> int:
     """Make a bag readable whose recording was cut off."""
     count = recover_bag(bag, output)

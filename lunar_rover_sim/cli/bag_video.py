@@ -38,8 +38,8 @@ def _check_output(path: Path) -> None:
 @click.option('--end', type=float, metavar='S', help='last simulated time')
 @click.option('--bare', is_flag=True, help='only the view from outside, without images and plots')
 @click.option('--samples', type=int, default=1, metavar='N', help='along a side of a pixel of the '
-              'view from outside, 1 to 4; with 2 thin parts of the rover are not dashed, in three '
-              'times the time')
+              'view from outside, 1 to 4; 2 draws thin parts of the rover whole, in three times '
+              'the time')
 @click.option('--behind', is_flag=True, help='from behind the rover; by default from where the '
               'sun lights it from the side')
 @click.option('--from', 'place', metavar='DISTANCE,AZIMUTH,ELEVATION', type=options.numbers(3),

@@ -20,8 +20,7 @@ from lunar_rover_sim.run.scenario import Scenario
 @options.overwrite('an existing table')
 @click.option('--coarse', is_flag=True, help='a table of 54 instead of 165 strides')
 @options.bounded('--measure', 1.0, gait_measurement.MAX_MEASURE_S, unit='s', default=20.0,
-                 metavar='S', help='time that each walk is measured for; fast turns scatter, and '
-                 'longer walks average it out')
+                 metavar='S', help='time that each walk is measured for; fast turns scatter')
 @options.workers('processes that share the work', None)
 def gait(scenario: str, overrides: list[str], output: Path, overwrite: bool, coarse: bool,
          measure: float, workers: int) -> int:

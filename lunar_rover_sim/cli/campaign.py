@@ -29,8 +29,8 @@ _CHECKED = 100     # episodes whose parameters a dry run checks; each takes some
 @options.argument('campaign', 'name of a packaged campaign, or a YAML file', metavar='CAMPAIGN')
 @options.folder('folder of the data set; may hold part of it', required=False)
 @options.workers('episodes side by side on this machine')
-@click.option('--scheduler', metavar='ADDRESS', help='send episodes to the Dask cluster at this '
-              'address (tcp://host:port); DIR must be shared by its workers')
+@click.option('--scheduler', metavar='ADDRESS', help='send episodes to the Dask cluster at '
+              'tcp://host:port, whose workers share DIR')
 @click.option('--retry', is_flag=True, help='repeat episodes that failed')
 @click.option('--dry-run', is_flag=True,
               help='print what would be drawn for each episode, record nothing')

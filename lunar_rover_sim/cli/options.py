@@ -264,8 +264,8 @@ def output(check: Check, metavar: str, help: str, default: str | None = None,
 def allowed_origins(function: Function) -> Function:
     """Declare which pages may connect to a live view."""
     return click.option('--allow-origin', multiple=True, metavar='ORIGIN', help='let a page of '
-                        'another site connect to the view, with the token of its address: '
-                        'https://app.foxglove.dev; may be given several times')(function)
+                        'another site, such as https://app.foxglove.dev, connect with the token; '
+                        'may be repeated')(function)
 
 
 def new_folder(help: str, default: str | None = None, required: bool = True) -> Decorator:

@@ -44,10 +44,10 @@ from lunar_rover_sim.run.scenario import Scenario
 @click.option('--joints', metavar='A,B,…', type=options.numbers(*range(1, MOST_LEGS + 1)),
               help='angle of each leg [deg] (default: 0)')
 @click.option('--twist', metavar='VX,VY,VZ,WX,WY,WZ', type=options.numbers(6),
-              help='velocity of the rover in axes of base_link [m/s, rad/s], which blurs the '
-              'images over the exposure; zero by default')
-@click.option('--chase', is_flag=True, help='also draw the rover from outside (PNG); '
-              'render_node.chase.* are the parameters of that camera')
+              help='velocity in axes of base_link [m/s, rad/s], which blurs the images; zero by '
+              'default')
+@click.option('--chase', is_flag=True, help='also draw the rover from outside (PNG), by '
+              'render_node.chase.*')
 @click.option('--chase-from', metavar='DISTANCE,AZIMUTH,ELEVATION', type=options.numbers(3),
               help='where that camera is [m, deg, deg], by default 1.5,-112,17; the azimuth '
               'counts from the sun, or as chase.reference says')

@@ -73,8 +73,8 @@ def _resume(context: click.Context, _param: click.Parameter, folder: Path | None
 
 @options.command(scenarios=True)
 @click.option('--resume', type=options.PATH, metavar='DIR', is_eager=True, expose_value=False,
-              callback=_resume, help='go on with the run in a folder that ended early, at its '
-              'last checkpoint (physics_node.checkpoint_period_s); it takes no other option')
+              callback=_resume, help='go on with a run that ended early, at its last checkpoint '
+              '(physics_node.checkpoint_period_s); without other options')
 @options.scenario()
 @options.new_folder('folder for bag, resolved scenario and logs')
 @click.option('--duration', type=float, metavar='S', help='simulated time [s]')
@@ -84,30 +84,29 @@ def _resume(context: click.Context, _param: click.Parameter, folder: Path | None
 @options.world()
 @click.option('--domain', type=int, metavar='N',
               help='ROS_DOMAIN_ID to use; by default a free one of this machine')
-@click.option('--join', is_flag=True, help='take part in a graph that runs already, in --domain '
-              'or the ROS_DOMAIN_ID of the shell: its nodes may publish tf and tf_static')
+@click.option('--join', is_flag=True, help='take part in a graph that runs already: its nodes may '
+              'publish tf and tf_static')
 @click.option('--goal', type=options.place_of('--goal'), metavar='X,Y',
               help='drive there [m], by what the cameras see: mapping_node and navigator_node '
-              'take the place of drive_node; the run ends when the rover has arrived or given up')
+              'take the place of drive_node')
 @click.option('--route', type=_route, metavar='SHAPE | FILE', help='drive a route: '
               f'{", ".join(_SHAPES)}, of drive_node.shape_size_m; or through the places of a '
               'file, a line X,Y [m] each, as to a --goal')
 @click.option('--avoid', is_flag=True, help='with --route: around obstacles, by what the cameras '
-              'see, from one waypoint of it to the next')
-@click.option('--slam', metavar='COMMAND', help='SLAM program to feed, with its '
-              'arguments; it speaks the protocol of docs/reference/slam_protocol.md. Or graph: '
-              'the odometry with a memory')
+              'see')
+@click.option('--slam', metavar='COMMAND', help='SLAM program to feed, with its arguments '
+              '(docs/reference/slam_protocol.md), or graph: the odometry with a memory')
 @options.on_maps('--slam graph', unless=' (default: the start)')
 @click.option('--view', type=int, is_flag=False, flag_value=VIEW_PORT, metavar='[PORT]',
               help='show the run in a browser while it goes on, at this port of this machine '
               f'(default: {VIEW_PORT}); Foxglove and Lichtblick may connect to it too')
 @options.allowed_origins
-@click.option('--teleop', is_flag=True, help='drive it yourself, in real time: without '
-              'drive_node, cmd_vel comes from the page of --view or from a node of yours')
-@click.option('--policy', metavar='NAME_OR_PATH', help='walk by a packaged policy or '
-              'a policy file, in the place of the gait controller')
+@click.option('--teleop', is_flag=True, help='drive it yourself, in real time, from the page of '
+              '--view or a node that publishes cmd_vel')
+@click.option('--policy', metavar='NAME_OR_PATH', help='walk by a policy in the place of the gait '
+              'controller')
 @click.option('--max-bag-size', type=int, metavar='MB', help='begin another file of the bag at '
-              'this size; all files together stay one bag (default: one file)')
+              'this size')
 @options.overrides(fast=True)
 def run(scenario: str, output: Path, duration: float | None, seed: int | None, real_time: bool,
         world: Path | None, domain: int | None, join: bool, goal: tuple[float, float] | None,

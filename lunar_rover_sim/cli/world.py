@@ -31,8 +31,8 @@ from lunar_rover_sim.run.scenario import Scenario
 @click.option('--window', nargs=2, type=float, metavar='X Y',
               help='middle of the world in the elevation model or mesh')
 @click.option('--window-in', type=options.Choice(('offset', 'crs', 'lonlat', 'pixel')),
-              default='offset', help='what X and Y are: metres from the middle of the file, its '
-              'CRS, degrees, or pixels')
+              default='offset', help='metres from the middle of the file, its CRS, degrees, or '
+              'pixels')
 @click.option('--size', type=float, metavar='M', help='side of the fine ground [m]')
 @options.bounded('--seed', 0, 2**31 - 1, kind=int, help='seed of everything random')
 @options.overrides('world.PARAM=VALUE',

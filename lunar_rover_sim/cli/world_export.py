@@ -41,8 +41,7 @@ _OF_ORBITAL = ('folder', 'output', 'overwrite', 'orbital', 'overrides', 'sun')
                 '--orbital a folder')
 @options.overwrite()
 @click.option('--orbital', is_flag=True, help='all that an orbiter knows, with its errors: '
-              'heights.tif, photo.tif under --sun, craters.geojson, and orbital.json, which says '
-              'what they are')
+              'heights.tif, photo.tif under --sun, craters.geojson, orbital.json')
 @options.overrides('orbital.PARAM=VALUE', help='with --orbital: its extent, pixels and errors, '
                    'for example orbital.pixel_m=5')
 @click.option('--stride', type=int, default=0, metavar='N', show_default=False, help='mesh file: '

@@ -40,14 +40,11 @@ MAX_MASS_KG, MAX_LENGTH_M = 2000.0, 10.0
 class Chassis(Parameters):
     """The chassis: a solid box."""
 
-    mass_kg: float = param(2.0, 'mass without legs', unit='kg', low=0.0, open_low=True,
+    mass_kg: float = param(2.0, 'without legs', unit='kg', low=0.0, open_low=True,
                            high=MAX_MASS_KG)
-    length_m: float = param(0.30, 'length along x', unit='m', low=0.0, open_low=True,
-                            high=MAX_LENGTH_M)
-    width_m: float = param(0.16, 'width along y', unit='m', low=0.0, open_low=True,
-                           high=MAX_LENGTH_M)
-    height_m: float = param(0.08, 'height along z', unit='m', low=0.0, open_low=True,
-                            high=MAX_LENGTH_M)
+    length_m: float = param(0.30, 'along x', unit='m', low=0.0, open_low=True, high=MAX_LENGTH_M)
+    width_m: float = param(0.16, 'along y', unit='m', low=0.0, open_low=True, high=MAX_LENGTH_M)
+    height_m: float = param(0.08, 'along z', unit='m', low=0.0, open_low=True, high=MAX_LENGTH_M)
     com_m: tuple[float, ...] = param((0.0, 0.0, -0.01), 'centre of mass in base_link', unit='m',
                                      length=3)
 
@@ -63,12 +60,11 @@ class Chassis(Parameters):
 class Leg(Parameters):
     """One leg: where its axle is, and its phase in the rover's own gait."""
 
-    side: str = param(LEFT, 'side of the rover; in a turn the legs of a side step alike',
-                      choices=(LEFT, RIGHT))
+    side: str = param(LEFT, 'in a turn the legs of a side step alike', choices=(LEFT, RIGHT))
     position_m: tuple[float, ...] = param((0.115, 0.105, -0.02), 'middle of the leg on its axle, '
                                           'in base_link', unit='m', length=3, low=-MAX_LENGTH_M,
                                           high=MAX_LENGTH_M)
-    phase: float = param(0.0, 'phase offset in the gait `rover`', unit='cycles', low=0.0,
+    phase: float = param(0.0, 'in the gait `rover`', unit='cycles', low=0.0,
                          high=1.0, open_high=True)
 
     def validate(self) -> None:
@@ -92,15 +88,14 @@ def rectangle(x: float = 0.115, y: float = 0.105, z: float = -0.02) -> Named[Leg
 class Legs(Parameters):
     """Equal legs of rigid spokes, `each` with its place."""
 
-    spokes: int = param(3, 'spokes per leg', low=2, high=12)
-    spoke_length_m: float = param(0.08, 'distance from the axle to the end of the tip', unit='m',
+    spokes: int = param(3, 'per leg', low=2, high=12)
+    spoke_length_m: float = param(0.08, 'from the axle to the end of the tip', unit='m',
                                   low=0.0, open_low=True, high=MAX_LENGTH_M)
-    spoke_radius_m: float = param(0.005, 'radius of the rod', unit='m', low=0.0, open_low=True,
+    spoke_radius_m: float = param(0.005, 'of the rod', unit='m', low=0.0, open_low=True,
                                   high=MAX_LENGTH_M)
-    tip_radius_m: float = param(0.008, 'radius of the rounded tip', unit='m', low=0.0,
+    tip_radius_m: float = param(0.008, 'of the rounded tip', unit='m', low=0.0,
                                 open_low=True, high=MAX_LENGTH_M)
-    mass_kg: float = param(0.06, 'mass of one leg', unit='kg', low=0.0, open_low=True,
-                           high=MAX_MASS_KG)
+    mass_kg: float = param(0.06, 'of one leg', unit='kg', low=0.0, open_low=True, high=MAX_MASS_KG)
     each: Named[Leg] = named(Leg, rectangle)
 
     def validate(self) -> None:
@@ -179,20 +174,19 @@ class Motor(Parameters):
     """
 
     supply_voltage_v: float = param(12.0, 'voltage of the supply', unit='V', low=0.1, high=1000.0)
-    stall_torque_nm: float = param(0.042, 'stall torque of the bare motor at the supply voltage',
+    stall_torque_nm: float = param(0.042, 'of the bare motor at the supply voltage',
                                    unit='N m', low=1e-6, high=1000.0)
-    no_load_speed_radps: float = param(1100.0, 'no-load speed of the bare motor at the supply'
-                                       ' voltage', unit='rad/s', low=0.1, high=1e5)
+    no_load_speed_radps: float = param(1100.0, 'of the bare motor at the supply voltage',
+                                       unit='rad/s', low=0.1, high=1e5)
     gear_ratio: float = param(84.0, 'turns of the motor per turn of the leg', low=0.01, high=1e5)
-    rotor_inertia_kgm2: float = param(1.2e-7, 'inertia of rotor and first gear stage',
+    rotor_inertia_kgm2: float = param(1.2e-7, 'of rotor and first gear stage',
                                       unit='kg m^2', low=1e-12, high=1.0)
-    current_limit_a: float = param(1.4, 'current limit of the driver', unit='A', low=1e-3,
-                                   high=1e4)
-    coulomb_friction_nm: float = param(0.03, 'dry friction of the gear, at the leg', unit='N m',
+    current_limit_a: float = param(1.4, 'of the driver', unit='A', low=1e-3, high=1e4)
+    coulomb_friction_nm: float = param(0.03, 'of the gear, at the leg', unit='N m',
                                        low=0.0, high=1e4)
-    viscous_friction_nms: float = param(0.002, 'viscous friction of the gear, at the leg',
+    viscous_friction_nms: float = param(0.002, 'of the gear, at the leg',
                                         unit='N m s/rad', low=0.0, high=1e4)
-    velocity_gain_nms: float = param(1.0, 'gain of the velocity loop, at the leg',
+    velocity_gain_nms: float = param(1.0, 'of the velocity loop, at the leg',
                                      unit='N m s/rad', low=1e-4, high=1e6)
 
     @property
@@ -238,9 +232,9 @@ class StereoMount(Parameters):
 
     position_m: tuple[float, ...] = param((0.12, 0.0, 0.18), 'midpoint of the lenses in base_link',
                                           unit='m', length=3, low=-10.0, high=10.0)
-    pitch_deg: float = param(10.0, 'downward tilt of the optical axes', unit='deg', low=-90.0,
+    pitch_deg: float = param(10.0, 'of the optical axes, downward', unit='deg', low=-90.0,
                              high=90.0)
-    baseline_m: float = param(0.10, 'distance between the lenses', unit='m', low=0.0,
+    baseline_m: float = param(0.10, 'between the lenses', unit='m', low=0.0,
                               open_low=True, high=MAX_LENGTH_M)
 
 
@@ -248,7 +242,7 @@ class StereoMount(Parameters):
 class ImuMount(Parameters):
     """The mount of the IMU; its axes are those of base_link, turned by rpy."""
 
-    position_m: tuple[float, ...] = param((0.0, 0.0, 0.0), 'origin in base_link', unit='m',
+    position_m: tuple[float, ...] = param((0.0, 0.0, 0.0), 'in base_link', unit='m',
                                           length=3, low=-10.0, high=10.0)
     rpy_deg: tuple[float, ...] = param((0.0, 0.0, 0.0), 'fixed-axis roll, pitch, yaw', unit='deg',
                                        length=3, low=-360.0, high=360.0)

@@ -50,14 +50,13 @@ class RecorderConfig(Parameters):
     """Parameters of a recording."""
 
     output: str = param('', 'folder of the bag; it must not exist')
-    topics: tuple[str, ...] = param((ALL,), 'topics to record; all: every topic but those on '
-                                    'request, which may be named beside it')
+    topics: tuple[str, ...] = param((ALL,), 'all: every topic but those on request, which may be '
+                                    'named beside it')
     exclude: tuple[str, ...] = param((), 'topics that all leaves out, too')
-    storage: str = param('mcap', 'file format; bags of SQLite are read only', choices=('mcap',))
-    compression: str = param('zstd', 'compression of the storage, without loss',
-                             choices=('none', 'zstd'))
-    max_bag_size_mb: int = param(0, 'size at which a file of the bag ends and the next one '
-                                 'begins; 0: one file', unit='MB', low=0, high=1_000_000)
+    storage: str = param('mcap', 'bags of SQLite are read only', choices=('mcap',))
+    compression: str = param('zstd', 'without loss', choices=('none', 'zstd'))
+    max_bag_size_mb: int = param(0, 'of a file of the bag, after which the next begins; 0: one '
+                                 'file', unit='MB', low=0, high=1_000_000)
 
 
 FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'render_node'
@@ -72,26 +71,25 @@ class PhysicsNodeConfig(SensorsConfig, NodeConfig, PhysicsConfig):
 
     sun: SunConfig = group(SunConfig)
     wait: WaitConfig = group(WaitConfig)
-    state_rate_hz: int = param(200, 'rate of state messages; its period is a whole number of '
-                               'steps', unit='Hz', low=1, high=1000)
+    state_rate_hz: int = param(200, 'its period is a whole number of steps',
+                               unit='Hz', low=1, high=1000)
     ground_rate_hz: float = param(10.0, 'rate of ground/changes where ground.model is regolith; a '
                                   'run sets that of the frames', unit='Hz', low=0.1, high=200.0)
-    real_time_factor: float = param(1.0, 'simulated time per wall time in time_mode real_time',
+    real_time_factor: float = param(1.0, 'simulated per wall time, in time_mode real_time',
                                     low=0.01, high=100.0)
     duration_s: float = param(0.0, 'simulated time after which the node ends; 0 for never',
                               unit='s', low=0.0, high=MAX_DURATION_S)
     end_when_navigated: bool = param(False, 'end at the stamp of navigator/finished, where that '
                                      'is before duration_s', by_run=True)
     checkpoint_period_s: float = param(
-        0.0, 'period of checkpoints in lockstep, for `run --resume`; each begins a file of the '
-        'bag; 0: none', unit='s', low=0.0, high=1e6)
+        0.0, 'in lockstep, for `run --resume`; each begins a file of the bag; 0: none',
+        unit='s', low=0.0, high=1e6)
     checkpoint_nodes: tuple[str, ...] = param((), 'nodes that write their states at checkpoints',
                                               by_run=True)
     start_paused: bool = param(False, 'wait for ~/pause or ~/step before time starts')
-    publish_tf: bool = param(True, 'publish odom to base_link and base_footprint on tf; false '
-                             'where an estimator does; legs and sensors are on tf in any case')
-    publish_clock: bool = param(True, 'publish /clock; false for all but one of several rovers '
-                                'in one graph')
+    publish_tf: bool = param(True, 'odom to base_link and base_footprint; false where an '
+                             'estimator does; legs and sensors are on tf in any case')
+    publish_clock: bool = param(True, 'false for all but one of several rovers in one graph')
 
     @property
     def base_frame(self) -> str:
@@ -147,8 +145,8 @@ class PolicyNodeConfig(NodeConfig):
     """Parameters of policy_node."""
 
     policy: str = param('', 'ONNX file of a policy, or the name of a packaged one')
-    ground: str = param('', 'ground under it, rigid or a soil; the node says whether the policy '
-                        'knows it; empty: in a run that of its ground')
+    ground: str = param('', 'rigid or a soil; the node says whether the policy knows it; empty: '
+                        'in a run its ground')
     observation_timeout_s: float = param(
         0.5, 'wall time without an observation after which the legs stop, in time_mode real_time',
         unit='s', low=0.05, high=10.0)
@@ -164,8 +162,8 @@ class EndOfRunConfig(Parameters):
 
     end_after_s: float = param(1.0, _END_AFTER.format('arrival, or giving up,'), unit='s',
                                low=-1.0, high=3600.0)
-    end_step_s: float = param(1.0, 'that end is a multiple of this, at which images and scans are '
-                              'due; a run sets it', unit='s', low=0.001, high=1000.0)
+    end_step_s: float = param(1.0, 'that end is a multiple of this; a run sets it', unit='s',
+                              low=0.001, high=1000.0)
 
     def end_ns(self, now_ns: int) -> int:
         """Return the stamp at which the run ends that is done now [ns]; negative: it does not."""
@@ -183,8 +181,7 @@ class DriveNodeConfig(EndOfRunConfig, PacedConfig, NodeConfig, DriveConfig):
                                unit='s', low=-1.0, high=3600.0)
     rate_hz: int = param(20, 'rate of cmd_vel', unit='Hz', low=1, high=200)
     enable_stamped_cmd_vel: bool = param(
-        True, 'publish cmd_vel as TwistStamped (true) or Twist (false); a Twist has no stamp, so '
-        'time cannot wait for it')
+        True, 'cmd_vel is TwistStamped, else Twist, for which time cannot wait')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,8 +202,8 @@ class CameraTopicsConfig(Parameters):
 class PointsConfig(Parameters):
     """The point cloud."""
 
-    step_px: int = param(1, 'points are made of every n-th row and column; 1: all pixels, 16 '
-                         'bytes each', unit='px', low=1, high=64, live=True)
+    step_px: int = param(1, 'points of every n-th row and column, 16 bytes each',
+                         unit='px', low=1, high=64, live=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -226,9 +223,8 @@ class RenderNodeConfig(PacedConfig, NodeConfig, RenderConfig):
     stereo: StereoTopicsConfig = group(StereoTopicsConfig)
     chase: ChaseConfig = group(ChaseConfig)
     hazard: Named[HazardConfig] = named(HazardConfig)
-    frame_rate_hz: float = param(20.0, 'stereo pairs per second; a whole number of state '
-                                 'periods. Trackers lose a walking body at 10 Hz; missions take '
-                                 '0.25 to 2 a second', unit='Hz', low=0.1,
+    frame_rate_hz: float = param(20.0, 'a whole number of state periods; trackers lose a walking '
+                                 'body at 10 Hz', unit='Hz', low=0.1,
                                  high=200.0, live=True)
     depth_every: int = param(2, 'disparity, depth, points and true depth are made of every n-th '
                              'frame',
@@ -312,25 +308,25 @@ class RecorderNodeConfig(NodeConfig, RecorderConfig):
 class SlamNodeConfig(NodeConfig):
     """Parameters of slam_node."""
 
-    system: str = param('command', 'command: the program of `command`; graph: the odometry with '
-                        'a memory, which needs GTSAM and tells its covariance',
+    system: str = param('command', 'command: the program of `command`; graph: the odometry with a '
+                        'memory',
                         choices=('command', 'graph'))
     command: str = param('', 'program of docs/reference/slam_protocol.md, and its arguments; '
                          '{settings} is a settings file of ORB-SLAM3, {wheel} the packaged '
                          'program for a Python with its wheel')
     sensor: str = param('stereo', 'what the program gets',
                         choices=('mono', 'stereo', 'stereo-inertial'))
-    maps: str = param('', 'with system graph: folder of `world export --orbital`, maps on which '
-                      'it finds its place in the site; empty: none')
+    maps: str = param('', 'with system graph: folder of `world export --orbital`, on which it '
+                      'finds its place')
     near_x_m: float = param(0.0, 'with maps: the start is near to this place', unit='m',
                             low=-1e5, high=1e5)
-    near_y_m: float = param(0.0, 'the same, y', unit='m', low=-1e5, high=1e5)
-    doubt_m: float = param(50.0, 'with maps: radius around it, all that is known of the start',
-                           unit='m', low=1.0, high=500.0)
-    frame_id: str = param('slam_map', 'frame of the poses: the map of the program')
+    near_y_m: float = param(0.0, 'with maps: the start is near to this place',
+                            unit='m', low=-1e5, high=1e5)
+    doubt_m: float = param(50.0, 'with maps: radius around it', unit='m', low=1.0, high=500.0)
+    frame_id: str = param('slam_map', 'of the poses')
     publish_tf: bool = param(False, 'publish the pose on tf, too')
-    child_frame_id: str = param('slam_camera', 'child frame on tf; a frame of its own, since '
-                                'those of the rover have a parent')
+    child_frame_id: str = param('slam_camera', "on tf; not one of the rover's, which have a "
+                                "parent")
     ready_s: float = param(50.0, 'wall time after which a program that is not ready is an error',
                            unit='s', low=0.1, high=3600.0)
     answer_s: float = param(5.0, 'wall time after which a frame without an answer is an error',
@@ -382,11 +378,10 @@ _POSE = ('truth: odom; wheels: wheel/odometry, with the angles of imu/data_raw; 
 class MappingNodeConfig(NodeConfig):
     """Parameters of mapping_node."""
 
-    pose: str = param(TRUTH, 'pose by which it maps. ' + _POSE, choices=POSES)
-    depth: str = param(STEREO, 'depth that it maps: stereo/depth/image, ground_truth/depth/image '
-                       'or lidar/points_deskewed', choices=(STEREO, TRUE_DEPTH, LIDAR))
-    elevation_period_s: float = param(1.0, 'period of map/elevation', unit='s', low=0.05,
-                                      high=3600.0)
+    pose: str = param(TRUTH, _POSE, choices=POSES)
+    depth: str = param(STEREO, 'stereo/depth/image, ground_truth/depth/image or '
+                       'lidar/points_deskewed', choices=(STEREO, TRUE_DEPTH, LIDAR))
+    elevation_period_s: float = param(1.0, 'of map/elevation', unit='s', low=0.05, high=3600.0)
     map: MapConfig = group(MapConfig)
     limits: TraversabilityConfig = group(TraversabilityConfig)
     camera: CameraConfig = group(CameraConfig)
@@ -396,20 +391,20 @@ class MappingNodeConfig(NodeConfig):
 class NavigatorNodeConfig(EndOfRunConfig, PacedConfig, NodeConfig, NavigatorConfig):
     """Parameters of navigator_node."""
 
-    pose: str = param(TRUTH, 'pose by which it drives. ' + _POSE, choices=POSES)
+    pose: str = param(TRUTH, _POSE, choices=POSES)
     rate_hz: int = param(20, 'rate of cmd_vel', unit='Hz', low=1, high=200)
     map_lag_s: float = param(0.25, 'in lockstep, age of the map and, with slam, of the pose that '
-                             'a command is made from: time to compute on a real rover',
+                             'a command is made from',
                              unit='s', low=0.05, high=5.0)
     map_period_s: float = param(0.1, 'period of map/traversability, that of the depth', unit='s',
                                 low=0.005, high=10.0, by_run=True)
     maps: str = param('', 'folder of `world export --orbital` by which far goals are planned to; '
-                      'empty: made of the world, with a photo around the goals')
+                      'empty: made of the world')
     radius_m: float = param(0.0, 'of the circle around the rover and its spokes; 0: by its '
                             'description', unit='m', low=0.0, high=10.0)
     sun: SunConfig = group(SunConfig)
-    enable_stamped_cmd_vel: bool = param(True, 'publish cmd_vel as TwistStamped (true) or Twist '
-                                         '(false), as drive_node')
+    enable_stamped_cmd_vel: bool = param(True, 'cmd_vel is TwistStamped, else Twist, for which '
+                                         'time cannot wait')
 
     def validate(self) -> None:
         """Raise ConfigError also where maps would always be too old to drive by."""

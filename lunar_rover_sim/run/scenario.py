@@ -49,16 +49,15 @@ if TYPE_CHECKING:
 class RunConfig(Parameters):
     """The nodes of a run and its duration."""
 
-    duration_s: float = param(20.0, 'simulated time, rounded up to whole camera frames', unit='s',
+    duration_s: float = param(20.0, 'rounded up to whole camera frames', unit='s',
                               low=0.0, open_low=True, high=MAX_DURATION_S)
     nodes: tuple[str, ...] = param(DEFAULT_NODES, 'nodes to start',
                                    choices=tuple(NODE_CONFIGS))
-    may_fail: tuple[str, ...] = param((), 'nodes without which a run goes on, with a warning, if '
-                                      'they die; time does not wait for them, so what they '
-                                      'publish is not repeatable',
+    may_fail: tuple[str, ...] = param((), 'nodes without which a run goes on if they die; time '
+                                      'does not wait for them, so what they publish is not '
+                                      'repeatable',
                                       choices=('lidar_node',))
-    world_hash: str = param('', 'hash of the world, another one is refused; empty: any. A '
-                            'recorded scenario has its own')
+    world_hash: str = param('', 'another world is refused; empty: any')
 
     def validate(self) -> None:
         """Raise ConfigError if a node is named twice or the hash is not one."""

@@ -18,20 +18,18 @@ class NodeConfig(Parameters):
     """Parameters that all nodes share."""
 
     seed: int = param(1, 'seed of everything random', low=0, high=2**31 - 1)
-    world: str = param('', 'folder of a world made by `lunar_rover_sim world build`')
-    rover: str = param('', 'packaged rover, quad or hexapod, or a YAML file; empty: quad')
+    world: str = param('', 'folder of `lunar_rover_sim world build`')
+    rover: str = param('', 'quad, hexapod or a YAML file; empty: quad')
     time_mode: str = param(REAL_TIME, 'lockstep waits for answers, real_time follows the wall '
                            'clock', choices=(LOCKSTEP, REAL_TIME))
     participants: tuple[str, ...] = param(
-        (), 'topics whose publishers a node in lockstep waits for before it sends; a run names '
-        'all that are awaited')
+        (), 'topics whose publishers a node in lockstep waits for before it sends')
 
     checkpoints: str = param('', 'folder of the checkpoints of a run, into which nodes write '
                              'their states', by_run=True)
     resume_from: str = param('', 'checkpoint at which a run goes on', by_run=True)
     separate_truth: bool = param(
-        False, 'true odometry on ground_truth/odom, in frames ground_truth/odom and '
-        'ground_truth/base_link: odom and its frames are free for an estimator')
+        False, 'true odometry and its frames under ground_truth/: odom is free for an estimator')
 
     @property
     def truth(self) -> topics.Topic:
@@ -54,9 +52,8 @@ class WaitConfig(Parameters):
     topics: tuple[str, ...] = param((), 'topics whose stamps are awaited, besides those of the '
                                     'nodes of a run')
     lags_s: tuple[float, ...] = param((), 'largest lag of each of these topics', unit='s', low=0.0)
-    silence_s: float = param(60.0, 'wall time after which a silent participant is an error, more '
-                             'on a busy machine and while one compiles; 6.5 s where no node of '
-                             'the run works', unit='s', low=0.1)
+    silence_s: float = param(60.0, 'wall time after which a silent participant is an error; more '
+                             'on a busy machine', unit='s', low=0.1)
     start_s: float = param(60.0, 'wall time before the first answer after which a missing '
                            'participant is an error', unit='s', low=0.1)
 

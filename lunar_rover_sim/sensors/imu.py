@@ -41,29 +41,29 @@ class ImuConfig(Parameters):
     """
 
     enabled: bool = param(True, 'false publishes the true signal')
-    preset: str = param('adis16448', 'IMU model whose noise parameters are used',
+    preset: str = param('adis16448', 'part whose noise is taken',
                         choices=('none', 'adis16448', 'bmi160'))
     accel_noise_density: float = param(
-        FROM_PRESET, 'white noise of the accelerometer; -1: from the preset',
+        FROM_PRESET, 'white noise; -1: from the preset',
         unit='m/s^2/sqrt(Hz)', low=-1.0)
     gyro_noise_density: float = param(
-        FROM_PRESET, 'white noise of the gyroscope; -1: from the preset', unit='rad/s/sqrt(Hz)',
+        FROM_PRESET, 'white noise; -1: from the preset', unit='rad/s/sqrt(Hz)',
         low=-1.0)
     accel_bias_random_walk: float = param(
-        FROM_PRESET, 'random walk of the accelerometer bias; -1: from the preset',
+        FROM_PRESET, '-1: from the preset',
         unit='m/s^3/sqrt(Hz)', low=-1.0)
     gyro_bias_random_walk: float = param(
-        FROM_PRESET, 'random walk of the gyroscope bias; -1: from the preset',
+        FROM_PRESET, '-1: from the preset',
         unit='rad/s^2/sqrt(Hz)', low=-1.0)
     accel_initial_bias_mps2: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), 'bias of the accelerometer at time 0', unit='m/s^2', length=3)
+        (0.0, 0.0, 0.0), 'at time 0', unit='m/s^2', length=3)
     gyro_initial_bias_radps: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), 'bias of the gyroscope at time 0', unit='rad/s', length=3)
+        (0.0, 0.0, 0.0), 'at time 0', unit='rad/s', length=3)
     accel_scale_error: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), 'relative error of the scale factor per axis', low=-0.5, high=0.5,
+        (0.0, 0.0, 0.0), 'per axis, relative', low=-0.5, high=0.5,
         length=3)
     gyro_scale_error: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), 'relative error of the scale factor per axis', low=-0.5, high=0.5,
+        (0.0, 0.0, 0.0), 'per axis, relative', low=-0.5, high=0.5,
         length=3)
     accel_misalignment_deg: tuple[float, ...] = param(
         (0.0, 0.0, 0.0), 'rotation vector from imu_link to the true sensor axes', unit='deg',
@@ -71,9 +71,9 @@ class ImuConfig(Parameters):
     gyro_misalignment_deg: tuple[float, ...] = param(
         (0.0, 0.0, 0.0), 'rotation vector from imu_link to the true sensor axes', unit='deg',
         low=-20.0, high=20.0, length=3)
-    accel_range_mps2: float = param(0.0, 'signal saturates at this magnitude; 0: unlimited',
+    accel_range_mps2: float = param(0.0, 'where the signal saturates; 0: nowhere',
                                     unit='m/s^2', low=0.0)
-    gyro_range_radps: float = param(0.0, 'signal saturates at this magnitude; 0: unlimited',
+    gyro_range_radps: float = param(0.0, 'where the signal saturates; 0: nowhere',
                                     unit='rad/s', low=0.0)
     accel_resolution_mps2: float = param(0.0, 'step of quantisation; 0: none', unit='m/s^2',
                                          low=0.0)

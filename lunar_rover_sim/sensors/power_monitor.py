@@ -45,7 +45,7 @@ class PowerMonitorConfig(Parameters):
     enabled: bool = param(True, 'false publishes the true values')
     shunt_ohm: float = param(0.02, 'shunt resistor', unit='ohm', low=0.0, open_low=True,
                              high=1000.0)
-    gain_error: float = param(2e-4, 'standard deviation of the gain of each', low=0.0, high=0.5)
+    gain_error: float = param(2e-4, 'standard deviation', low=0.0, high=0.5)
 
 
 @dataclasses.dataclass(frozen=True)

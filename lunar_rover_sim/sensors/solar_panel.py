@@ -30,14 +30,12 @@ class SolarPanelConfig(Parameters):
 
     rate_hz: int = param(5, 'its period is a whole number of state periods', unit='Hz', low=1,
                          high=1000)
-    position_m: tuple[float, ...] = param((-0.1, 0.0, 0.06), 'its middle, in base_link; what this '
-                                          'place sees of the sun holds for all of it', unit='m',
+    position_m: tuple[float, ...] = param((-0.1, 0.0, 0.06), 'in base_link', unit='m',
                                           length=3, low=-10.0, high=10.0)
-    normal: tuple[float, ...] = param((0.0, 0.0, 1.0), 'where it looks, in base_link; of any '
-                                      'length', length=3, low=-1e3, high=1e3)
+    normal: tuple[float, ...] = param((0.0, 0.0, 1.0), 'in base_link, of any length',
+                                      length=3, low=-1e3, high=1e3)
     area_m2: float = param(0.0318, 'of its cells', unit='m^2', low=0.0, high=100.0)
-    efficiency: float = param(0.296, 'electric power over the power of the sunlight on the cells',
-                              low=0.0, high=1.0)
+    efficiency: float = param(0.296, 'electric power over that of the sunlight', low=0.0, high=1.0)
 
     def validate(self) -> None:
         """Raise ConfigError if the panel looks nowhere."""

@@ -35,13 +35,13 @@ class StarTrackerConfig(Parameters):
 
     gone = {'sun_exclusion_deg': 34.0, 'earth_exclusion_deg': 25.0, 'ground_exclusion_deg': 25.0}
 
-    enabled: bool = param(True, 'false publishes the true attitude, where stars can be seen')
+    enabled: bool = param(True, 'false publishes the true attitude')
     rate_hz: int = param(2, 'its period is a whole number of state periods', unit='Hz', low=1,
                          high=1000)
-    position_m: tuple[float, ...] = param((-0.1, 0.0, 0.06), 'in base_link, for the light of the '
-                                          'sun that falls on it', unit='m', length=3, low=-10.0,
+    position_m: tuple[float, ...] = param((-0.1, 0.0, 0.06), 'in base_link',
+                                          unit='m', length=3, low=-10.0,
                                           high=10.0)
-    yaw_deg: float = param(180.0, 'where it looks, from ahead towards the left', unit='deg',
+    yaw_deg: float = param(180.0, 'from ahead towards the left', unit='deg',
                            low=-360.0, high=360.0)
     elevation_deg: float = param(80.0, 'how far it looks up', unit='deg', low=-90.0, high=90.0)
     cross_arcsec: float = param(5.0, 'standard deviation across the line of sight, per axis',

@@ -33,22 +33,21 @@ class SunSensorConfig(Parameters):
 
     gone = {'least_share': 0.5}
 
-    enabled: bool = param(True, 'false publishes the true direction, within the field of view')
+    enabled: bool = param(True, 'false publishes the true direction')
     rate_hz: int = param(5, 'its period is a whole number of state periods', unit='Hz', low=1,
                          high=1000)
-    position_m: tuple[float, ...] = param((-0.1, 0.0, 0.06), 'in base_link; the light must get '
-                                          'there past ground, rocks and the rover', unit='m',
+    position_m: tuple[float, ...] = param((-0.1, 0.0, 0.06), 'in base_link', unit='m',
                                           length=3, low=-10.0, high=10.0)
-    heads_yaw_deg: tuple[float, ...] = param((0.0, 90.0, 180.0, 270.0), 'where each head looks, '
-                                             'from ahead towards the left', unit='deg',
+    heads_yaw_deg: tuple[float, ...] = param((0.0, 90.0, 180.0, 270.0), 'from ahead towards the '
+                                             'left', unit='deg',
                                              low=-360.0, high=360.0)
     heads_elevation_deg: float = param(20.0, 'how far they look up', unit='deg', low=-90.0,
                                        high=90.0)
-    field_of_view_deg: float = param(140.0, 'full angle of the cone of a head', unit='deg',
+    field_of_view_deg: float = param(140.0, 'full angle of a head', unit='deg',
                                      low=1.0, high=170.0)
     bias_deg: float = param(0.07, 'standard deviation of the error that a head keeps, per axis',
                             unit='deg', low=0.0, high=45.0)
-    noise_deg: float = param(0.07, 'standard deviation of the error of a measurement, per axis',
+    noise_deg: float = param(0.07, 'standard deviation of a measurement, per axis',
                              unit='deg', low=0.0, high=45.0)
 
     @property

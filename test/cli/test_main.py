@@ -231,7 +231,7 @@ def test_parameters_are_found(columns: str, width: int, capsys: pytest.CaptureFi
     lines = capsys.readouterr().out.splitlines()
     assert 0.8 * width < max(map(len, lines)) <= width
     k = lines.index('render_node.sun.elevation_deg = 6.0, -1 to 90 [deg]')
-    assert lines[k + 1].startswith('    height of the centre')
+    assert lines[k + 1].startswith('    of the centre')
     assert main(['parameters', '--search', 'ALBEDO']) == 0
     found = capsys.readouterr().out
     assert 'albedo.fresh_crater' in found and 'duty_factor' not in found

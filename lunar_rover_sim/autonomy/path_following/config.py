@@ -17,25 +17,24 @@ class DriveConfig(Parameters):
 
     gone = {'profile_ramp': False, 'stuck_distance_m': 0.1}
 
-    mode: str = param('none', 'none, profile (timed velocities), waypoints (straight from one to'
-                      ' the next) or spline (a smooth curve through them)', choices=MODES)
+    mode: str = param('none', 'profile: timed velocities; waypoints: straight from one to the '
+                      'next; spline: a smooth curve through them', choices=MODES)
     start_delay_s: float = param(1.0, 'time at rest before the drive starts', unit='s', low=0.0)
     profile_times_s: tuple[float, ...] = param(
-        (0.0,), 'mode profile: start of each velocity, counted from the start of the drive; the'
-        ' last one holds', unit='s', low=0.0)
-    profile_forward_mps: tuple[float, ...] = param((0.1,), 'mode profile: forward velocities',
+        (0.0,), 'start of each velocity, from the start of the drive; the last one holds',
+        unit='s', low=0.0)
+    profile_forward_mps: tuple[float, ...] = param((0.1,), 'of mode profile',
                                                    unit='m/s', low=-2.0, high=2.0)
     profile_yaw_rate_radps: tuple[float, ...] = param(
-        (0.0,), 'mode profile: yaw rates, left positive', unit='rad/s', low=-3.0, high=3.0)
-    shape: str = param('none', 'ready-made route in place of the waypoints; it starts at the'
-                       ' first pose along its heading', choices=SHAPES)
+        (0.0,), 'of mode profile, left positive', unit='rad/s', low=-3.0, high=3.0)
+    shape: str = param('none', 'route in place of the waypoints; it starts at the first pose '
+                       'along its heading', choices=SHAPES)
     shape_size_m: float = param(4.0, 'diameter of the circle or of a loop, side of the square, or'
                                 ' length of the way out', unit='m', low=0.0, open_low=True)
-    waypoints_x_m: tuple[float, ...] = param((), 'x of the waypoints', unit='m')
-    waypoints_y_m: tuple[float, ...] = param((), 'y of the waypoints', unit='m')
-    relative: bool = param(False, 'waypoints are given in the frame of the first pose instead of'
-                           ' odom')
-    laps: int = param(1, 'laps of a closed route; more than 1 closes an open route', low=1)
+    waypoints_x_m: tuple[float, ...] = param((), 'of the waypoints', unit='m')
+    waypoints_y_m: tuple[float, ...] = param((), 'of the waypoints', unit='m')
+    relative: bool = param(False, 'waypoints are in the frame of the first pose instead of odom')
+    laps: int = param(1, 'more than 1 closes an open route', low=1)
     speed_mps: float = param(0.12, 'forward speed on a route', unit='m/s', low=0.0, open_low=True,
                              high=2.0)
     max_yaw_rate_radps: float = param(0.15, 'greatest yaw rate; the rover slows down in tighter'
@@ -46,12 +45,11 @@ class DriveConfig(Parameters):
                                      unit='deg', low=10.0, high=180.0)
     goal_tolerance_m: float = param(0.2, 'a route is complete at this distance from its end',
                                     unit='m', low=0.0, open_low=True)
-    tilt_limit_deg: float = param(40.0, 'stop when the base tilts by more than this', unit='deg',
+    tilt_limit_deg: float = param(40.0, 'stop when the base tilts more', unit='deg',
                                   low=0.0, high=180.0, open_low=True)
-    stuck_time_s: float = param(10.0, 'stop after this time without progress; 0 never stops',
+    stuck_time_s: float = param(10.0, 'stop after so long without progress; 0: never',
                                 unit='s', low=0.0)
-    border_m: float = param(1.0, 'stop when closer than this to the edge of the world', unit='m',
-                            low=0.0)
+    border_m: float = param(1.0, 'stop when closer to the edge of the world', unit='m', low=0.0)
 
     def validate(self) -> None:
         """Raise ConfigError if lists differ in length or a route has no points."""

@@ -40,8 +40,7 @@ class GroundConfig(Parameters):
     `ground/regolith/soil.py` gives their sources.
     """
 
-    model: str = param(RIGID, 'rigid, or regolith: ground that gives and keeps tracks',
-                       choices=(RIGID, REGOLITH))
+    model: str = param(RIGID, 'regolith gives and keeps tracks', choices=(RIGID, REGOLITH))
     preset: str = param('highland', 'soil', choices=tuple(PRESETS))
     bearing_mnpm3: float = _override('bearing_mnpm3', 'pressure per depth of a flat plate pressed'
                                      ' down', 'MN/m^3')

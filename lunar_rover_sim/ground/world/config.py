@@ -27,14 +27,13 @@ class DemConfig(Parameters):
         'coordinates of its CRS; longitude and latitude [deg]; column and row [px]',
         choices=('offset', 'crs', 'lonlat', 'pixel'))
     center: tuple[float, ...] = param(
-        (0.0, 0.0), 'centre of the world in the file, as `center_mode` says', length=2)
+        (0.0, 0.0), 'of the world in the file, as `center_mode` says', length=2)
     band: int = param(1, 'raster band', low=1)
     height_scale: float = param(1.0, 'metres per unit of height; a file of 8 bits is taken as '
                                 'heights only if this is not 1', unit='m')
-    pixel_m: float = param(0.0, 'pixel size, for a file that states none; 0: from the file',
-                           unit='m', low=0.0)
-    nodata: str = param('refuse', 'refuse or fill pixels without data under the ground; in the '
-                        'surroundings they are always filled', choices=('refuse', 'fill'))
+    pixel_m: float = param(0.0, 'of a file that states none; 0: from the file', unit='m', low=0.0)
+    nodata: str = param('refuse', 'pixels without data under the ground; in the surroundings they '
+                        'are always filled', choices=('refuse', 'fill'))
 
     def validate(self) -> None:
         """Raise ConfigError if the scale makes all heights equal."""
@@ -46,17 +45,16 @@ class DemConfig(Parameters):
 class MeshConfig(Parameters):
     """How a triangle mesh becomes a height field."""
 
-    up_axis: str = param('auto', 'axis of the file that points up; auto: y for GLB and glTF, '
-                         'else z', choices=('auto', 'x', 'y', 'z'))
+    up_axis: str = param('auto', 'auto: y for GLB and glTF, else z',
+                         choices=('auto', 'x', 'y', 'z'))
     scale: float = param(1.0, 'metres per unit of length', unit='m', low=0.0, open_low=True)
     center: tuple[float, ...] = param(
-        (0.0, 0.0), 'centre of the world: metres east and north of the middle of the mesh',
+        (0.0, 0.0), 'of the world: metres east and north of the middle of the mesh',
         unit='m', length=2)
     resolution_m: float = param(
         0.0, 'spacing of samples of the mesh; relief and craters are added below it; 0: the cell '
         'of the world, nothing is added', unit='m', low=0.0)
-    holes: str = param('refuse', 'refuse or fill parts of the ground without mesh',
-                       choices=('refuse', 'fill'))
+    holes: str = param('refuse', 'parts of the ground without mesh', choices=('refuse', 'fill'))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,19 +70,17 @@ class ReliefConfig(Parameters):
     in the average highland, with `far_rms_slope_deg` 6.5.
     """
 
-    hurst: float = param(0.65, 'Hurst exponent of the regolith', low=0.05, high=0.99)
-    rms_slope_deg: float = param(2.0, 'RMS slope of the regolith at `baseline_m`', unit='deg',
+    hurst: float = param(0.65, 'exponent of the regolith', low=0.05, high=0.99)
+    rms_slope_deg: float = param(2.0, 'of the regolith at `baseline_m`', unit='deg',
                                  low=0.0, high=45.0)
-    baseline_m: float = param(0.3, 'baseline of `rms_slope_deg`', unit='m', low=0.0,
-                              open_low=True)
-    far_hurst: float = param(0.95, 'Hurst exponent of the terrain', low=0.05, high=0.99)
-    far_rms_slope_deg: float = param(2.5, 'RMS slope of the terrain at `far_baseline_m`, without '
-                                     'craters: 2.5 is a landing site, 6.5 the average highland',
+    baseline_m: float = param(0.3, 'of `rms_slope_deg`', unit='m', low=0.0, open_low=True)
+    far_hurst: float = param(0.95, 'exponent of the terrain', low=0.05, high=0.99)
+    far_rms_slope_deg: float = param(2.5, 'of the terrain at `far_baseline_m`, without craters: '
+                                     '2.5 is a landing site, 6.5 the average highland',
                                      unit='deg', low=0.0, high=45.0)
-    far_baseline_m: float = param(17.0, 'baseline of `far_rms_slope_deg`; the terrain has no '
-                                  'wavelength below it', unit='m', low=0.0, open_low=True)
-    longest_wavelength_m: float = param(1000.0, 'longest wavelength of the relief', unit='m',
-                                        low=1.0)
+    far_baseline_m: float = param(17.0, 'the terrain has no wavelength below it',
+                                  unit='m', low=0.0, open_low=True)
+    longest_wavelength_m: float = param(1000.0, 'of the relief', unit='m', low=1.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,12 +99,9 @@ class CraterConfig(Parameters):
     slope: float = param(2.0, 'exponent of the cumulative size distribution', low=1.0, high=4.0)
     min_diameter_m: float = param(0.15, 'smallest crater', unit='m', low=0.0, open_low=True)
     max_diameter_m: float = param(200.0, 'largest crater', unit='m', low=0.0, open_low=True)
-    fresh_depth: float = param(0.2, 'depth from rim to floor of a fresh crater, in diameters',
-                               low=0.02, high=0.4)
-    fresh_rim: float = param(0.04, 'rim height of a fresh crater, in diameters', low=0.0,
-                             high=0.1)
-    oldest_depth: float = param(0.03, 'depth of the oldest crater, in diameters', low=0.005,
-                                high=0.2)
+    fresh_depth: float = param(0.2, 'from rim to floor, in diameters', low=0.02, high=0.4)
+    fresh_rim: float = param(0.04, 'height, in diameters', low=0.0, high=0.1)
+    oldest_depth: float = param(0.03, 'in diameters', low=0.005, high=0.2)
     age_exponent: float = param(1.0, 'age = u^(1/age_exponent) of the lifetime, u uniform: 1 is '
                                 'equilibrium, a larger value makes more old craters', low=0.1,
                                 high=10.0)
@@ -140,30 +133,27 @@ class RockConfig(Parameters):
 
     gone = {'max_number': 20000}
 
-    site: str = param('', 'number of rocks: as counted at this site (see `rockfield`), and their '
-                      'shapes; empty: abundance, decay_per_m and angular', choices=('', *SITES))
+    site: str = param('', 'number and shapes as counted there; empty: abundance, decay_per_m and '
+                      'angular', choices=('', *SITES))
 
-    abundance: float = param(0.0125, 'k: area covered by rocks of all sizes; 0: no rocks',
-                             low=0.0, high=0.3)
+    abundance: float = param(0.0125, 'k: area covered by rocks of all sizes', low=0.0, high=0.3)
     decay_per_m: float = param(0.0, 'q; 0: follows from the abundance', unit='1/m', low=0.0)
     min_diameter_m: float = param(0.03, 'smallest rock', unit='m', low=0.005, high=2.0)
     max_diameter_m: float = param(2.0, 'largest rock', unit='m', low=0.005, high=20.0)
-    max_per_m2: float = param(8.0, 'greatest number of rocks per m2 of the plain; beyond it the '
-                              'smallest are left out', unit='1/m2', low=0.0, high=100.0)
-    size_classes: int = param(28, 'number of logarithmic classes of size', low=1, high=64)
+    max_per_m2: float = param(8.0, 'on the plain; beyond it the smallest are left out',
+                              unit='1/m2', low=0.0, high=100.0)
+    size_classes: int = param(28, 'logarithmic', low=1, high=64)
     angular: float = param(0.55, 'share of fresh, angular blocks; others are rounded; a `site` '
                            'has its own', low=0.0, high=1.0)
-    burial: float = param(0.3, 'mean fraction of the height that is below ground', low=0.02,
-                          high=0.9)
+    burial: float = param(0.3, 'mean share of the height below ground', low=0.02, high=0.9)
     near_craters: float = param(4.0, 'density around the rim of a fresh crater, relative to that '
                                 'of the plain, minus 1', low=0.0, high=100.0)
-    max_height: float = param(0.6, 'greatest height above the ground, in diameters; a rock that '
-                              'would stand out more is buried deeper', low=0.05, high=2.0)
-    fillet: float = param(0.06, 'mean height of the soil that has gathered around rocks of five '
-                          'cells and more, in diameters', low=0.0, high=0.2)
-    tilt_deg: float = param(8.0, 'RMS tilt against the ground', unit='deg', low=0.0, high=90.0)
-    albedo_variation: float = param(0.06, 'RMS variation of the albedo factor among rocks',
-                                    low=0.0, high=0.3)
+    max_height: float = param(0.6, 'above the ground, in diameters; what would stand out more is '
+                              'buried deeper', low=0.05, high=2.0)
+    fillet: float = param(0.06, 'mean height of soil around rocks of five cells and more, in '
+                          'diameters', low=0.0, high=0.2)
+    tilt_deg: float = param(8.0, 'RMS, against the ground', unit='deg', low=0.0, high=90.0)
+    albedo_variation: float = param(0.06, 'RMS among rocks', low=0.0, high=0.3)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -184,26 +174,25 @@ class AlbedoConfig(Parameters):
 class SurroundingsConfig(Parameters):
     """Coarse levels around the ground."""
 
-    extent_m: float = param(1000.0, 'least distance from the origin that they cover in x and in y',
+    extent_m: float = param(1000.0, 'least distance from the origin in x and in y',
                             unit='m', low=0.0, high=20000.0)
-    samples: int = param(2049, 'samples along a side of a coarse level', low=65, high=4097)
+    samples: int = param(2049, 'along a side of a coarse level', low=65, high=4097)
 
 
 @dataclasses.dataclass(frozen=True)
 class WorldConfig(Parameters):
     """The complete recipe of one world."""
 
-    source: str = param(PROCEDURAL, 'source of the large-scale shape',
-                        choices=(PROCEDURAL, DEM, MESH))
+    source: str = param(PROCEDURAL, 'of the large-scale shape', choices=(PROCEDURAL, DEM, MESH))
     path: str = param('', 'GeoTIFF, folder with dem.npy and dem.yaml, or mesh file')
-    seed: int = param(-1, 'seed of everything random; -1: that of the scenario', low=-1)
-    size_m: float = param(51.2, 'side length of the fine ground', unit='m', low=0.0, open_low=True,
+    seed: int = param(-1, '-1: that of the scenario', low=-1)
+    size_m: float = param(51.2, 'side of the fine ground', unit='m', low=0.0, open_low=True,
                           high=1000.0)
-    cell_m: float = param(0.025, 'cell size of the fine ground', unit='m', low=0.001, high=10.0)
-    clear_radius_m: float = param(0.6, 'no rocks and no steep crater within this distance of the '
-                                  'origin', unit='m', low=0.0)
-    site_km: float = param(4.0, 'side length of the site, all of which can be driven; measured '
-                           'ground may end before', unit='km', low=0.0, high=40.0)
+    cell_m: float = param(0.025, 'of the fine ground', unit='m', low=0.001, high=10.0)
+    clear_radius_m: float = param(0.6, 'no rocks and no steep crater this near to the origin',
+                                  unit='m', low=0.0)
+    site_km: float = param(4.0, 'side of the site, all of which can be driven; measured ground '
+                           'may end before', unit='km', low=0.0, high=40.0)
     dem: DemConfig = group(DemConfig)
     mesh: MeshConfig = group(MeshConfig)
     relief: ReliefConfig = group(ReliefConfig)

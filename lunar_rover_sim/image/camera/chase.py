@@ -52,7 +52,7 @@ class ChaseSensorConfig(SensorConfig):
     exposure_mode: str = param(
         'auto', 'sunlit: once, from the sun and the ground; fixed: exposure_s; '
         'auto: follows the images', choices=('sunlit', 'fixed', 'auto'))
-    target_level: float = param(0.10, 'level that sunlit and auto aim at, of full scale', low=0.01,
+    target_level: float = param(0.10, 'what sunlit and auto aim at, of full scale', low=0.01,
                                 high=0.95)
 
 
@@ -71,21 +71,19 @@ class ChaseConfig(FurtherCameraConfig):
     mode: str = param(FOLLOW, 'follow: it moves with the rover; tripod: it stands at position_m '
                       'and turns towards the rover', choices=(FOLLOW, TRIPOD))
     distance_m: float = param(1.5, 'from the rover', unit='m', low=0.2, high=500.0)
-    reference: str = param(SUN, 'what azimuth_deg counts from: the direction to the sun, so that '
-                           'the light stays; the heading of the rover; east',
-                           choices=(SUN, HEADING, EAST))
-    azimuth_deg: float = param(-112.0, 'direction from the rover to the camera, counter-clockwise '
-                               'from above; with heading, 180 is behind the rover', unit='deg',
+    reference: str = param(SUN, 'what azimuth_deg counts from', choices=(SUN, HEADING, EAST))
+    azimuth_deg: float = param(-112.0, 'of the camera from the rover, counter-clockwise; with '
+                               'heading, 180 is behind it', unit='deg',
                                low=-360.0, high=360.0)
     elevation_deg: float = param(17.0, 'of the camera above the horizontal through the rover',
                                  unit='deg', low=-30.0, high=89.0)
     position_m: tuple[float, ...] = param(
         (1.5, -1.5, 0.6), 'of the tripod: x and y in the world, and height above the ground',
         unit='m', low=-1e5, high=1e5, length=3)
-    aim_m: float = param(0.05, 'the camera looks at a point so far above base_link', unit='m',
+    aim_m: float = param(0.05, 'it looks at a point so far above base_link', unit='m',
                          low=-10.0, high=10.0)
-    smoothing_s: float = param(0.8, 'time constant with which the camera follows position and '
-                               'heading; 0: at once', unit='s', low=0.0, high=60.0)
+    smoothing_s: float = param(0.8, 'time constant of following; 0: at once',
+                               unit='s', low=0.0, high=60.0)
     camera: ChaseCameraConfig = group(ChaseCameraConfig)
     lens: LensConfig = LensConfig(hood_deg=0.0)
     sensor: ChaseSensorConfig = group(ChaseSensorConfig)

@@ -84,17 +84,17 @@ class LensConfig(Parameters):
     gone = {'lateral_colour': 0.0}
 
     scatter_share: float = param(
-        0.0015, 'share of the light that is scattered around its image; 0 switches it off',
+        0.0015, 'share of the light scattered around its image; 0: off',
         low=0.0, high=0.3)
     scatter_exponent: float = param(
         1.55, 'power of the distance that scattered light falls with', low=1.0, high=4.0)
     scatter_core_deg: float = param(
         0.1, 'within this distance scattered light is even', unit='deg', low=1e-3, high=20.0)
     veil_share: float = param(
-        0.0011, 'share of the light that veils the whole image; 0 switches it off', low=0.0,
+        0.0011, 'share of the light that veils the whole image; 0: off', low=0.0,
         high=0.3)
     hood_deg: float = param(
-        15.0, 'so far beyond the edge of the image the hood hides the sun from the lens',
+        15.0, 'angle beyond the edge of the image from which the hood hides the sun',
         unit='deg', low=0.0, high=90.0)
     ghost_share: float = param(
         0.07, 'share of the veiling sunlight that is gathered in ghosts', low=0.0, high=1.0)
@@ -111,45 +111,43 @@ class SensorConfig(Parameters):
 
     gone = {'transmission': 0.9, 'blooming': 0.0, 'low_pass_filter': True}
 
-    encoding: str = param('mono8', 'pixel format of the images; mono: no colour filters; bayer: '
-                          'one colour a pixel, as read; rgb8: bayer_rggb8, interpolated',
+    encoding: str = param('mono8', 'mono: no colour filters; bayer: one colour a pixel, as read; '
+                          'rgb8: bayer_rggb8, interpolated',
                           choices=ENCODINGS)
-    bits: int = param(12, 'resolution of the converter',
-                      low=8, high=16)
+    bits: int = param(12, 'of the converter', low=8, high=16)
     companding: str = param(
-        'sqrt', 'how images of 8 bits follow from the converter: linear, its upper 8 bits; sqrt, '
-        'the root of the signal above black',
+        'sqrt', 'images of 8 bits: linear, the upper 8 of the converter; sqrt, the root of the '
+        'signal above black',
         choices=('sqrt', 'linear'))
     exposure_mode: str = param(
         'sunlit', 'sunlit: once, from the sun and the ground; fixed: exposure_s; '
         'auto: follows the images', choices=('sunlit', 'fixed', 'auto'), live=True)
-    exposure_s: float = param(1e-3, 'exposure time in mode fixed, and first one in mode auto',
+    exposure_s: float = param(1e-3, 'of mode fixed, and the first of mode auto',
                               unit='s', low=0.0, open_low=True, high=10.0, live=True)
-    target_level: float = param(0.40, 'level that sunlit and auto aim at, of full scale', low=0.01,
+    target_level: float = param(0.40, 'what sunlit and auto aim at, of full scale', low=0.01,
                                 high=0.95, live=True)
     auto_lag: float = param(0.6, 'share of the old exposure that auto keeps per frame', low=0.0,
                             high=0.99, live=True)
     auto_max_s: float = param(0.02, 'longest exposure of auto', unit='s', low=1e-5, high=10.0,
                               live=True)
-    motion_blur: bool = param(True, 'light is gathered while the rover moves, over the exposure')
+    motion_blur: bool = param(True, 'light is gathered while the rover moves')
     line_time_s: float = param(
-        0.0, 'from the exposure of one row to that of the next: rolling shutter; 0: global, all '
-        'rows at once', unit='s', low=0.0, high=1e-3)
+        0.0, 'rolling shutter: from the exposure of one row to the next; 0: global',
+        unit='s', low=0.0, high=1e-3)
     f_number: float = param(4.0, 'aperture', low=0.5, high=64.0)
     pixel_pitch_m: float = param(6.9e-6, 'side of a pixel', unit='m', low=0.5e-6, high=1e-4)
     electrons_per_joule: float = param(
-        6.5e17, 'photo-electrons per joule of whole sunlight on a pixel without colour filter: '
-        'quantum efficiency over the solar spectrum', unit='1/J', low=1e14, high=1e19)
+        6.5e17, 'photo-electrons per joule of sunlight on a pixel without colour filter',
+        unit='1/J', low=1e14, high=1e19)
     red_response: tuple[float, ...] = param(
-        RED, 'quantum efficiency of red pixels behind their filter at 400, 420, ... 700 nm; '
-        'defaults follow a Sony IMX219', low=0.0, high=1.0, length=len(WAVELENGTHS_NM))
+        RED, 'quantum efficiency of red pixels at 400, 420, ... 700 nm',
+        low=0.0, high=1.0, length=len(WAVELENGTHS_NM))
     green_response: tuple[float, ...] = param(
         GREEN, 'that of green pixels', low=0.0, high=1.0, length=len(WAVELENGTHS_NM))
     blue_response: tuple[float, ...] = param(
         BLUE, 'that of blue pixels', low=0.0, high=1.0, length=len(WAVELENGTHS_NM))
     white_balance: str = param(
-        'sun', 'gains of red and blue in the converter: sun, so that a grey card under the sun is '
-        'grey; none, all 1', choices=('sun', 'none'))
+        'sun', 'sun: a grey card under the sun is grey; none: gains of 1', choices=('sun', 'none'))
     full_well_e: float = param(42800.0, 'electrons at full scale', unit='e-', low=10.0, high=1e7)
     pixel_well: float = param(
         1.05, 'electrons that a pixel holds, over full_well_e; more are lost', low=0.1,
@@ -159,10 +157,9 @@ class SensorConfig(Parameters):
     prnu: float = param(0.006, 'fixed-pattern gain, standard deviation', low=0.0, high=0.5)
     dsnu_e: float = param(1.5, 'fixed-pattern offset, standard deviation', unit='e-', low=0.0,
                           high=1e4)
-    vignetting: float = param(1.0, 'exponent share of the cos^4 fall-off; 0 switches it off',
+    vignetting: float = param(1.0, 'exponent share of the cos^4 fall-off; 0: off',
                               low=0.0, high=2.0)
-    psf_sigma_px: float = param(0.45, 'point spread; 0 switches it off', unit='px', low=0.0,
-                                high=0.6)
+    psf_sigma_px: float = param(0.45, 'point spread; 0: off', unit='px', low=0.0, high=0.6)
     black_level: float = param(0.004, 'offset of the converter, of full scale', low=0.0, high=0.5)
     shot_noise: bool = param(True, 'photon and dark shot noise')
     read_noise: bool = param(True, 'read noise')

@@ -36,7 +36,7 @@ class HazardCameraConfig(CameraConfig):
         low=-2.0, high=2.0, length=5)
     fisheye_distortion: tuple[float, ...] = param(
         (0.0, 0.0, 0.0, 0.0), 'with model equidistant: k1, k2, k3, k4 of theta (1 + k1 theta^2 + '
-        'k2 theta^4 + ...), as D of CameraInfo', low=-2.0, high=2.0, length=4)
+        'k2 theta^4 + ...)', low=-2.0, high=2.0, length=4)
     image_circle_deg: float = param(
         185.0, 'with model equidistant: no light arrives from outside this cone about the axis',
         unit='deg', low=1.0, high=185.0)
@@ -103,8 +103,8 @@ class HazardConfig(FurtherCameraConfig):
         (0.17, 0.0, 0.02), 'of the lens in base_link; of a pair, of the middle between both',
         unit='m', low=-10.0, high=10.0, length=3)
     orientation_rpy_deg: tuple[float, ...] = param(
-        (0.0, 20.0, 0.0), 'roll, pitch, yaw about fixed axes of base_link; 0: it looks ahead; '
-        'pitch > 0 looks down, yaw 180 back', unit='deg', low=-360.0, high=360.0,
+        (0.0, 20.0, 0.0), 'about fixed axes of base_link; pitch > 0 looks down, yaw 180 back',
+        unit='deg', low=-360.0, high=360.0,
         length=3)
     stereo_baseline_m: float = param(
         0.0, 'distance between two such cameras, left and right; 0: one camera', unit='m', low=0.0,

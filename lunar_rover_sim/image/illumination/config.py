@@ -19,8 +19,8 @@ LOWEST_DEG = -1.0
 class SunSiteConfig(Parameters):
     """Where on the Moon the rover is, for the sun of a date."""
 
-    source: str = param(OF_WORLD, 'world: the place of the origin in the elevation model and its '
-                        'projection; given: the values below', choices=(OF_WORLD, GIVEN))
+    source: str = param(OF_WORLD, 'world: from the elevation model; given: the values below',
+                        choices=(OF_WORLD, GIVEN))
     lon_deg: float = param(0.0, 'east longitude', unit='deg', low=-360.0, high=360.0)
     lat_deg: float = param(0.0, 'latitude', unit='deg', low=-90.0, high=90.0)
     grid_north_deg: float = param(0.0, 'direction of y, from true north towards east', unit='deg',
@@ -39,21 +39,19 @@ class SunSiteConfig(Parameters):
 class SunConfig(Parameters):
     """The position and the light of the sun. It stands still unless it has a date."""
 
-    azimuth_deg: float = param(60.0, 'direction to the sun from x (east) towards y (north)',
+    azimuth_deg: float = param(60.0, 'from x (east) towards y (north)',
                                unit='deg', low=-360.0, high=360.0, live=True)
-    elevation_deg: float = param(6.0, 'height of the centre of the disc above the horizontal',
+    elevation_deg: float = param(6.0, 'of the centre of the disc',
                                  unit='deg', low=LOWEST_DEG, high=90.0, live=True)
-    angular_diameter_deg: float = param(0.533, 'apparent diameter of the disc', unit='deg',
-                                        low=0.01, high=5.0)
-    irradiance: float = param(1361.0, 'normal irradiance; 0 switches the sun off',
+    angular_diameter_deg: float = param(0.533, 'of the disc', unit='deg', low=0.01, high=5.0)
+    irradiance: float = param(1361.0, 'at normal incidence; 0: no sun',
                               unit='W/m^2', low=0.0, high=1e5)
-    date: str = param('', 'UTC in ISO 8601, such as 2026-11-22T06:00:00Z: azimuth and elevation '
-                      'follow from it and from `site`; empty: they are as given')
+    date: str = param('', 'UTC, such as 2026-11-22T06:00:00Z: azimuth and elevation follow from '
+                      'it and from `site`; empty: as given')
     site: SunSiteConfig = group(SunSiteConfig)
-    rate: float = param(1.0, 'seconds that the sky of a date goes on per second of the run; 0: '
-                        'sun and Earth stand still', low=0.0, high=1e5)
-    allow_night: bool = param(False, 'the date may be one at which the sun is down; lamp and '
-                              'Earth may light the ground then')
+    rate: float = param(1.0, 'seconds of the sky of a date per second of the run; 0: it stands '
+                        'still', low=0.0, high=1e5)
+    allow_night: bool = param(False, 'the date may be one at which the sun is down')
     step_deg: float = param(0.05, 'all light is computed anew when the sun of a date has moved by '
                             'this', unit='deg', low=0.005, high=5.0)
 
@@ -77,26 +75,23 @@ class EarthConfig(Parameters):
 
     gone = {'geometric_albedo': 0.434}
 
-    drawn: bool = param(True, 'draw its disc where the date puts it; without a date there is none')
-    lights_ground: bool = param(False, 'draw its light on ground, rocks and rover (earthshine), '
-                                'at most 1.3e-4 of that of the sun; needs sun.date')
+    drawn: bool = param(True, 'draw its disc; without a date there is none')
+    lights_ground: bool = param(False, 'earthshine, at most 1.3e-4 of sunlight; needs sun.date')
 
 
 @dataclasses.dataclass(frozen=True)
 class ReflectanceConfig(Parameters):
     """Kind and brightness of the regolith; the parameter sets are in `hapke`."""
 
-    ground: str = param('highland', 'parameter set of the ground',
-                        choices=SETS_OF_SOIL)
-    rocks: str = param('rock', 'parameter set of the rocks',
-                       choices=SETS_OF_SOIL)
+    ground: str = param('highland', 'parameter set', choices=SETS_OF_SOIL)
+    rocks: str = param('rock', 'parameter set', choices=SETS_OF_SOIL)
     albedo_scale: float = param(1.0, 'factor on the single-scattering albedo of the ground',
                                 low=0.0, high=3.0)
     colour_spread: float = param(0.012, 'RMS variation of red over green, and of blue the other '
                                  'way round, in patches of 5 to 23 m: titanium, iron', low=0.0,
                                  high=0.3)
     colour_of_fresh: float = param(0.15, 'how much less red, and more blue, brighter ground is, '
-                                   'as powers of its albedo: fresh soil',
+                                   'as powers of its albedo',
                                    low=0.0, high=2.0)
 
 
@@ -107,11 +102,11 @@ class LampConfig(Parameters):
     It sits low and to the left of the cameras, since light from their position shows no relief.
     """
 
-    power_w: float = param(0.0, 'radiant flux; 0 switches it off', unit='W', low=0.0, high=1e4)
+    power_w: float = param(0.0, 'radiant flux; 0: off', unit='W', low=0.0, high=1e4)
     position_m: tuple[float, ...] = param((0.15, 0.08, 0.08), 'in base_link', unit='m', length=3)
     pitch_deg: float = param(0.0, 'downward tilt', unit='deg', low=-90.0, high=90.0)
     cone_deg: float = param(60.0, 'full angle at half intensity', unit='deg', low=1.0, high=150.0)
-    temperature_k: float = param(5000.0, 'colour of its light: that of a black body', unit='K',
+    temperature_k: float = param(5000.0, 'black body of its colour', unit='K',
                                  low=1000.0, high=20000.0)
 
     @property

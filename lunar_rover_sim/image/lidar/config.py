@@ -17,21 +17,17 @@ DROP, END = 'drop', 'end'
 class LidarConfig(Parameters):
     """A part by name, or one of its own; how it is run; and what it measures on."""
 
-    part: str = param('velodyne_vlp16', 'the sensor: a real part, or own for the parameters of '
-                      '`own`', choices=(*PARTS, OWN))
+    part: str = param('velodyne_vlp16', 'own: by the parameters of `own`', choices=(*PARTS, OWN))
     own: LidarOptics = group(LidarOptics)
-    rate_hz: int = param(10, 'scans per second; its period is a whole number of state periods',
+    rate_hz: int = param(10, 'its period is a whole number of state periods',
                          unit='Hz', low=1, high=200)
-    noise: bool = param(True, 'noise of ranges and intensities, and lost returns; false: the true '
-                        'range of all that is within reach')
+    noise: bool = param(True, 'false: the true range of all that is within reach')
     laser_albedo: float = param(
-        1.3, "factor on single-scattering albedos at the laser's wavelength, where the Moon is "
-        'brighter than at 643 nm', low=0.1, high=3.0)
+        1.3, "factor on single-scattering albedos at the laser's wavelength", low=0.1, high=3.0)
     reflectance: ReflectanceConfig = group(ReflectanceConfig)
     horizontal_beam: int = param(-1, 'beam of the LaserScan, 0 the lowest; -1: the one nearest '
                                  'to the horizontal of the sensor', low=-1, high=4095)
-    own_body: str = param(DROP, 'beams that meet the rover: drop: no return, as drivers mask '
-                          'them; end: they return what they meet',
+    own_body: str = param(DROP, 'beams that meet the rover: drop, no return; end, they return it',
                           choices=(DROP, END))
     organized: bool = param(False, 'clouds have all beams as rows, with NaN where nothing '
                             'returns; false: only what returns')

@@ -34,9 +34,8 @@ class LidarOptics(Parameters):
         unit='deg', low=-89.0, high=89.0)
     horizontal_deg: float = param(360.0, 'horizontal field of view; a flash sensor up to 160',
                                   unit='deg', low=0.1, high=360.0)
-    columns: int = param(160, 'columns of pixels of a flash sensor', low=2, high=4096)
-    columns_per_s: float = param(18000.0, 'columns that a scanning sensor fires per second',
-                                 unit='1/s', low=1.0, high=1e6)
+    columns: int = param(160, 'of pixels of a flash sensor', low=2, high=4096)
+    columns_per_s: float = param(18000.0, 'of a scanning sensor', unit='1/s', low=1.0, high=1e6)
     firing_s: float = param(0.0, 'from one beam of a column to the next; 0: all at once', unit='s',
                             low=0.0, high=1.0)
     most_rate_hz: float = param(20.0, 'greatest rate', unit='Hz', low=0.1, high=1000.0)

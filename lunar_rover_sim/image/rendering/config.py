@@ -20,8 +20,8 @@ class DetailConfig(Parameters):
             'rock_min_px': 0.7, 'contrast_by_view': False}
 
     relief_rms_slope: float = param(
-        0.11, 'RMS slope of each of the two tiles of relief below the grid; facets of rocks are '
-        'in proportion', low=0.0, high=0.6)
+        0.11, 'of each of the two tiles of relief below the grid; facets of rocks in proportion',
+        low=0.0, high=0.6)
     pebble_cover: float = param(0.035, 'share of the ground under pebbles below the grid',
                                 low=0.0, high=0.4)
     pit_cover: float = param(0.16, 'share of the ground under craters below the grid', low=0.0,
@@ -33,10 +33,10 @@ class DetailConfig(Parameters):
         300.0, 'rocks from 0.3 m are drawn beyond the fine ground up to this x or y; 0: none',
         unit='m', low=0.0, high=2000.0)
     smooth_outlines: bool = param(
-        True, 'edges of ground, rocks, rover and shadows are drawn without steps')
+        True, 'edges are drawn without steps')
     supersampling: int = param(
-        1, 'samples of light along a side of a pixel; truth is that of its centre', low=1, high=4)
-    bounce: bool = param(True, 'indirect light: lit ground scatters light into shadows')
+        1, 'samples of light along a side of a pixel', low=1, high=4)
+    bounce: bool = param(True, 'lit ground scatters light into shadows')
 
     def with_samples(self, least: int) -> DetailConfig:
         """Return it with at least so many samples along a side of a pixel.

@@ -46,8 +46,8 @@ OWN, CUSTOM = 'rover', 'custom'
 class GaitConfig(Parameters):
     """How the legs move; all but `spokes` and `calibration` may change while the rover walks."""
 
-    spokes: int = param(0, 'spokes per leg, one cycle turns a leg by 360 / spokes; 0: those of '
-                        'the rover', low=0, high=12)
+    spokes: int = param(0, 'per leg; one cycle turns a leg by 360 / spokes; 0: those of the rover',
+                        low=0, high=12)
     duty_factor: float = param(0.6, 'share of the cycle that a leg is in stance', low=0.0,
                                high=1.0, open_low=True, open_high=True, live=True)
     foot_width_deg: float = param(60.0, 'angle swept in stance, less than the spoke pitch',
@@ -62,7 +62,7 @@ class GaitConfig(Parameters):
                       + ', '.join(f'{name} {gait.meaning}' for name, gait in GAITS.items())
                       + ', custom takes phase_offsets', choices=(OWN, *GAITS, CUSTOM), live=True)
     phase_offsets: tuple[float, ...] = param(
-        (0.0, 0.5, 0.5, 0.0), 'offset of each leg, used by gait custom', unit='cycles', low=0.0,
+        (0.0, 0.5, 0.5, 0.0), 'of each leg, for gait custom', unit='cycles', low=0.0,
         high=1.0, open_high=True, live=True)
     phase_gain: float = param(2.0, 'phase rate of a leg per phase error',
                               unit='1/s', low=0.0, high=50.0, live=True)
@@ -74,12 +74,11 @@ class GaitConfig(Parameters):
                                       ' angle waits for it', unit='deg', low=0.0, high=90.0,
                                       open_low=True, live=True)
     max_flight_lead_radps: float = param(
-        0.7, 'a leg in flight is driven at most this much faster than it turns, so that one that '
-        'strikes a rock does not throw the body',
+        0.7, 'a leg in flight is driven at most this much faster than it turns',
         unit='rad/s', low=0.0, high=200.0, open_low=True, live=True)
     max_phase_rate_hz: float = param(2.2, 'greatest phase rate', unit='Hz', low=0.0, high=10.0,
                                      open_low=True, live=True)
-    max_yaw_rate_radps: float = param(0.6, 'greatest yaw rate; faster turns shake the rover',
+    max_yaw_rate_radps: float = param(0.6, 'faster turns shake the rover',
                                       unit='rad/s', low=0.0, high=5.0, open_low=True, live=True)
     phase_acceleration_hzps: float = param(2.0, 'greatest change of the phase rate', unit='Hz/s',
                                            low=0.0, high=100.0, open_low=True, live=True)

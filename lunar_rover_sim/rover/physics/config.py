@@ -40,14 +40,13 @@ class ContactConfig(Parameters):
 class StartPose(Parameters):
     """Where the rover starts; height and tilt follow from the ground."""
 
-    x_m: float = param(0.0, 'x in the world frame', unit='m')
-    y_m: float = param(0.0, 'y in the world frame', unit='m')
-    yaw_deg: float = param(0.0, 'heading, from x (east) towards y (north)', unit='deg', low=-360.0,
+    x_m: float = param(0.0, 'in the world frame', unit='m')
+    y_m: float = param(0.0, 'in the world frame', unit='m')
+    yaw_deg: float = param(0.0, 'from x (east) towards y (north)', unit='deg', low=-360.0,
                            high=360.0)
-    joint_angle_rad: tuple[float, ...] = param((0.0,), 'leg angles: one for all legs, or one for '
-                                               'each', unit='rad', low=-5.0, high=5.0)
-    settle_s: float = param(1.0, 'simulated time for the rover to come to rest before time 0',
-                            unit='s', low=0.0, high=60.0)
+    joint_angle_rad: tuple[float, ...] = param((0.0,), 'one for all legs, or one for each',
+                                               unit='rad', low=-5.0, high=5.0)
+    settle_s: float = param(1.0, 'to come to rest before time 0', unit='s', low=0.0, high=60.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,10 +54,9 @@ class PhysicsConfig(Parameters):
     """The simulation; `step_s` is rounded to whole nanoseconds."""
 
     step_s: float = param(0.001, 'time step', unit='s', low=1e-5, high=0.005)
-    gravity_mps2: float = param(MOON_MPS2, 'acceleration along -z: Moon 1.62, Earth 9.81',
+    gravity_mps2: float = param(MOON_MPS2, 'along -z: Moon 1.62, Earth 9.81',
                                 unit='m/s^2', low=0.0, high=30.0)
-    integrator: str = param('discrete', 'numerical integration in MuJoCo',
-                            choices=INTEGRATORS)
+    integrator: str = param('discrete', 'of MuJoCo', choices=INTEGRATORS)
     contact: ContactConfig = group(ContactConfig)
     ground: GroundConfig = group(GroundConfig)
     start: StartPose = group(StartPose)
