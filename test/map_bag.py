@@ -1,6 +1,8 @@
 """A bag of a rover that stands still, with the map of what is around it."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import synthetic_bag
@@ -18,15 +20,19 @@ from lunar_rover_sim.run.scenario import Scenario
 CELL_M, SIZE_M, STAMP_NS = 0.05, 6.0, 100_000_000
 
 
-def write(path: Path, world: World, error_m: float = 0.0, flag_rocks: bool = True) -> Path:
-    """Write a bag whose map has the true heights of a world plus an error."""
+def write(path: Path, world: World, error_m: float = 0.0, flag_rocks: bool = True,
+          edit: Callable[[Any, Any], object] = lambda cloud, grid: None) -> Path:
+    """Write a bag whose map has the true heights of a world plus an error.
+
+    edit: changes the two messages of the map.
+    """
     surface = TrueSurface(world)
     elevation = surface.elevation((0.0, 0.0), SIZE_M, CELL_M)
     n = elevation.height_m.shape[0]
     axis = elevation.origin_m[0] + (np.arange(n) + 0.5) * CELL_M
     x, y = np.meshgrid(axis, axis)
-    points = np.zeros(n * n, [(name, '<f4') for name in ('x', 'y', 'z', 'variance')])
-    points['x'], points['y'], points['variance'] = x.ravel(), y.ravel(), 1e-4
+    points = np.zeros(n * n, [(name, '<f4') for name in ('x', 'y', 'z', 'stddev')])
+    points['x'], points['y'], points['stddev'] = x.ravel(), y.ravel(), 0.01
     points['z'] = elevation.height_m.ravel() + error_m
     limit = Limits.of(RoverDescription(), TraversabilityConfig()).step_m
     # Rocks as they are judged: where they are highest in a cell.
@@ -47,4 +53,5 @@ def write(path: Path, world: World, error_m: float = 0.0, flag_rocks: bool = Tru
               for ns in (STAMP_NS - 5_000_000, STAMP_NS)]
     items += [cloud(topics.ELEVATION, STAMP_NS, ODOM_FRAME, points),
               item(topics.TRAVERSABILITY, grid)]
+    edit(items[-2].message, items[-1].message)
     return synthetic_bag.write(path, items)

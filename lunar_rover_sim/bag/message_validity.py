@@ -268,3 +268,45 @@ def lidar_cloud_problem(message: Any) -> str | None:
     if len(points) and not points['time'].min() >= 0.0:
         return f'time is {points["time"].min()} s'
     return None
+
+
+_ELEVATION = ('x', 'y', 'z', 'stddev')
+_MOST_CELLS = 4096      # along a side of a map
+
+
+def grid_problem(message: Any) -> str | None:
+    """Return what is wrong with the layout of a nav_msgs/OccupancyGrid, or None."""
+    info, place = message.info, message.info.origin.position
+    if not 0 < len(message.data) == info.width * info.height:
+        return f'data holds {len(message.data)} cells, not {info.width} x {info.height}'
+    if max(info.width, info.height) > _MOST_CELLS:
+        return f'{info.width} x {info.height} cells; valid is up to {_MOST_CELLS} along a side'
+    if not all(map(math.isfinite, (place.x, place.y))) or not 0.0 < info.resolution < math.inf:
+        return (f'cells of {info.resolution:g} m from x {place.x:g}, y {place.y:g} m; valid are '
+                'finite places, and cells > 0')
+    return None
+
+
+def elevation_points(message: Any) -> NDArray[np.float64]:
+    """Return the cells (n, 4) of a map of heights: x, y, z and the standard deviation of z [m].
+
+    The message must pass `elevation_problem`.
+    """
+    return np.frombuffer(bytes(message.data), '<f4').reshape(-1, len(_ELEVATION)).astype(float)
+
+
+def elevation_problem(message: Any) -> str | None:
+    """Four numbers a cell, one after the other; places finite, and those of a map."""
+    names = tuple(field.name for field in message.fields)
+    if names != _ELEVATION or message.is_bigendian or message.point_step != 4 * len(names):
+        return (f'points of {message.point_step} bytes with {brief(names)}; valid are x, y, z and '
+                'stddev, float32, little-endian')
+    size = message.point_step * message.width * message.height
+    if len(message.data) != size:
+        return f'data holds {len(message.data)} bytes, not {size}'
+    points = elevation_points(message)
+    if not np.isfinite(points).all():
+        return 'a cell is not finite'
+    if len(points) and np.ptp(points[:, :2], axis=0).max() > _MOST_CELLS:
+        return f'cells are {np.ptp(points[:, :2], axis=0).max():g} m apart'
+    return None

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.autonomy.navigation.traversability import belly_clearance_m, UNKNOWN
 from lunar_rover_sim.bag import series
+from lunar_rover_sim.bag.message_validity import grid_problem
 from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.base import topics
@@ -86,7 +87,7 @@ def evaluate_drive(path: Path, world: Path | None = None) -> DriveEvaluation:
         world: Folder of its world, where that is not found beside the bag or in the cache.
 
     Raises:
-        EvaluationError: If the bag holds no true odometry.
+        EvaluationError: If the bag holds no true odometry, or maps that are none.
     """
     with open_bag(path) as bag:
         odometry = series.read_odometry(bag) if bag.has(bag.truth) else None
@@ -162,6 +163,8 @@ def _unknown_m(bag: Bag, stamps: NDArray[np.int64], way: Array, steps: Array) ->
     total, grid, first = 0.0, None, 0
     maps = (message for _, _, message in bag.messages([bag.resolve(topics.TRAVERSABILITY.name)]))
     for message in itertools.chain(maps, (None,)):
+        if message is not None and (problem := grid_problem(message)) is not None:
+            raise EvaluationError(f'{bag.path}: {topics.TRAVERSABILITY.name}: {problem}')
         last = (len(stamps) if message is None
                 else int(np.searchsorted(stamps, header_ns(message))))
         if grid is not None and last > first:
@@ -183,6 +186,8 @@ def _stops(bag: Bag, end_ns: int) -> tuple[dict[str, int], float, str]:
         return {}, 0.0, ''
     told = []
     for _, _, message in bag.messages([bag.resolve(topics.NAVIGATOR_STATUS.name)]):
+        if not len(message.status):
+            raise EvaluationError(f'{bag.path}: {topics.NAVIGATOR_STATUS.name}: it has no status')
         status = message.status[0]
         reason = next((pair.value for pair in status.values if pair.key == 'reason'), '')
         told.append((header_ns(message), status.message, reason))

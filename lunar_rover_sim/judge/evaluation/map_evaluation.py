@@ -18,6 +18,7 @@ from scipy.ndimage import binary_dilation
 from lunar_rover_sim.autonomy.navigation.elevation_map import Elevation
 from lunar_rover_sim.autonomy.navigation.traversability import LETHAL, Limits
 from lunar_rover_sim.bag import series
+from lunar_rover_sim.bag.message_validity import elevation_points, elevation_problem, grid_problem
 from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.base import topics
@@ -206,7 +207,11 @@ def _judged(bag: Bag, stamp: int, odometry: series.Odometry, surface: TrueSurfac
     cloud, grid = found.get(topics.ELEVATION), found.get(topics.TRAVERSABILITY)
     if cloud is None or grid is None or not cloud.width or header_ns(grid) != stamp:
         return None
-    points = np.frombuffer(bytes(cloud.data), '<f4').reshape(-1, 4).astype(float)
+    for topic, problem in ((topics.ELEVATION, elevation_problem(cloud)),
+                           (topics.TRAVERSABILITY, grid_problem(grid))):
+        if problem is not None:
+            raise EvaluationError(f'{bag.path}: {topic.name}: {problem}')
+    points = elevation_points(cloud)
     # Cells of the same raster in every map.
     places = np.floor(points[:, :2] / CELL_M).astype(int)
     corner = places.min(axis=0) - 1

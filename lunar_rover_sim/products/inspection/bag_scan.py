@@ -48,6 +48,8 @@ _CONTENT: dict[str, tuple[Callable[[Any], str | None], ...]] = {
     topics.LIDAR_POINTS.name: (lidar_cloud_problem,),
     topics.LIDAR_DESKEWED.name: (lidar_cloud_problem,),
     topics.LIDAR_SCAN.name: (laser_scan_problem,),
+    topics.ELEVATION.name: (message_validity.elevation_problem,),
+    topics.TRAVERSABILITY.name: (message_validity.grid_problem,),
     topics.EXPOSURE.name: (message_validity.exposure_problem,),
     topics.LEFT_INFO.name: (message_validity.camera_info_problem,),
     topics.RIGHT_INFO.name: (message_validity.camera_info_problem,),

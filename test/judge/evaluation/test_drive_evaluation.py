@@ -83,6 +83,19 @@ def test_stops_and_the_end_are_told(tmp_path, capsys):
     assert 'stops: 2 x looking, 1 x backing off' in capsys.readouterr().out
 
 
+def test_messages_of_other_programs_that_are_none_are_named(tmp_path):
+    way, none = poses(*[(0.0, 0.0, 9.0, 0.0)] * 4), said(STEP_NS, 'waiting')
+    none.message.status = []
+    cut, flat = grid(STEP_NS, 1.0), grid(STEP_NS, 1.0)
+    cut.message.info.width = 99
+    flat.message.info.resolution = 0.0
+    for name, wrong, why in (('none', none, 'navigator/status: it has no status'),
+                             ('cut', cut, 'map/traversability: .* 10000 cells, not 99 x 100'),
+                             ('flat', flat, 'map/traversability: cells of 0 m')):
+        with pytest.raises(EvaluationError, match=why):
+            evaluate_drive(synthetic.write(tmp_path / name, [*way, wrong]))
+
+
 def test_contacts_of_the_body_are_those_with_the_ground_and_with_high_rocks(tmp_path):
     world, rover = worlds.small(rocks={'abundance': 0.1}), RoverDescription()
     folder, clearance = save_world(world, tmp_path / 'world'), belly_clearance_m(rover)

@@ -89,6 +89,24 @@ def test_a_bag_without_a_map_and_a_world_that_is_another_are_refused(folder, tmp
         evaluate_maps(bag, folder)
 
 
+def far(cloud, _grid):
+    points = cloud.data.view('<f4').copy()
+    points[0] = 1e30
+    cloud.data = points.view(np.uint8)
+
+
+@pytest.mark.parametrize('edit, why', [
+    (lambda cloud, grid: setattr(cloud, 'point_step', 32), 'map/elevation: points of 32 bytes'),
+    (lambda cloud, grid: setattr(cloud, 'data', cloud.data[:-16]), 'map/elevation: data holds'),
+    (lambda cloud, grid: setattr(cloud, 'data', cloud.data | 255), 'a cell is not finite'),
+    (lambda cloud, grid: setattr(cloud.fields[3], 'name', 'variance'), 'valid are .* stddev'),
+    (far, 'map/elevation: cells are 1e[+]30 m apart'),
+    (lambda cloud, grid: setattr(grid, 'data', grid.data[1:]), 'map/traversability: data holds')])
+def test_maps_of_other_programs_that_are_none_are_refused(folder, tmp_path, edit, why):
+    with pytest.raises(EvaluationError, match=why):
+        judged(folder, tmp_path / 'bag', edit=edit)
+
+
 def test_it_is_the_ground_or_a_rock_above_it():
     world = worlds.small(3)
     surface = TrueSurface(world)
