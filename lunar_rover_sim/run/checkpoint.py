@@ -51,8 +51,9 @@ class Checkpoint:
         """Return whether all that the manifest names is there as it was written."""
         try:
             told = json.loads((self.folder / _MANIFEST).read_text(encoding='utf-8'))
-            return all(file_hash(self.folder / name) == value for name, value in told.items())
-        except (OSError, ValueError, AttributeError):
+            return bool(told) and all(file_hash(self.folder / name) == value
+                                      for name, value in told.items())
+        except (OSError, ValueError, AttributeError, RecursionError):
             return False
 
 

@@ -17,13 +17,14 @@ from lunar_rover_sim.base.errors import (brief, check_argument, check_path, Conf
                                          did_you_mean, GraphError)
 from lunar_rover_sim.base.files.paths import BAG_FOLDER, check_new_folder
 from lunar_rover_sim.ground.world.world_folder import load_world
+from lunar_rover_sim.rover.description import load_rover
 from lunar_rover_sim.rover.gait.calibration import differences, GaitCalibration, ground_conditions
 from lunar_rover_sim.run.checkpoint import Checkpoint, CHECKPOINT_FOLDER, clear, newest
 from lunar_rover_sim.run.dated_sun import dated_sun
 from lunar_rover_sim.run.lockstep import machine_slowness, STARTED_NS
 from lunar_rover_sim.run.node_config import ALL
 from lunar_rover_sim.run.node_processes import Looks, NodeLogs, NodeProcesses
-from lunar_rover_sim.run.plan import (awaits_others, prepare, resolve, SCENARIO_FILE,
+from lunar_rover_sim.run.plan import (awaits_others, prepare, resolve, ROVER_FILE, SCENARIO_FILE,
                                       why_no_checkpoints, WORLD_LINK)
 from lunar_rover_sim.run.publication import misspelt_exclusions, silent_topics, unrecorded_cameras
 from lunar_rover_sim.run.ros_domain import (check_domain, ClockReader, OwnDomain, require_ros,
@@ -332,7 +333,7 @@ def unfinished_run(folder: Path) -> Scenario:
 
     Raises:
         ConfigError: If there is no run in the folder, it is finished, it goes on at this moment,
-            it has no whole checkpoint, or it is of another version.
+            it has no whole checkpoint, it is of another version, or its rover was changed.
     """
     path, bag = folder / SCENARIO_FILE, folder / BAG_FOLDER
     if not path.is_file():
@@ -346,7 +347,11 @@ def unfinished_run(folder: Path) -> Scenario:
         except BlockingIOError:
             raise ConfigError(f'{folder}: the run goes on at this moment') from None
     _last_checkpoint(folder)
-    return Scenario.load(path)
+    scenario = Scenario.load(path)
+    if load_rover(folder / ROVER_FILE) != scenario.rover:
+        raise ConfigError(f'{folder}: {ROVER_FILE} is another rover than that of {SCENARIO_FILE}; '
+                          'valid are both as the run has left them')
+    return scenario
 
 
 def _last_checkpoint(folder: Path) -> Checkpoint:

@@ -1,5 +1,6 @@
 """A run that was killed goes on at its last checkpoint; the bag is that of one that was not."""
 
+import dataclasses
 from pathlib import Path
 import shutil
 
@@ -13,6 +14,7 @@ from lunar_rover_sim.bag.totals import resumed_ns
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.products.inspection.check import check
+from lunar_rover_sim.rover.description import save_rover
 from lunar_rover_sim.run import checkpoint
 from lunar_rover_sim.run.plan import resolve, why_no_checkpoints
 from lunar_rover_sim.run.recording import unfinished_run
@@ -95,6 +97,9 @@ def test_only_whole_checkpoints_count(tmp_path: Path) -> None:
     newest.part('a').write_bytes(b'other')
     before = checkpoint.newest(tmp_path)
     assert before is not None and before.time_ns == 2 * 10**9
+    for told in ('{}', '[' * 100_000):
+        (before.folder / 'manifest.json').write_text(told)
+        assert checkpoint.newest(tmp_path) is None
     checkpoint.begin(tmp_path, 4 * 10**9)
     checkpoint.clear(tmp_path, 2 * 10**9)
     assert [path.name for path in tmp_path.iterdir()] == ['000000002000000000']
@@ -114,3 +119,17 @@ def test_what_cannot_go_on_is_refused(tmp_path: Path,
     with marker.lock(tmp_path / 'bag'):
         assert main(['run', '--resume', str(tmp_path)]) == 1
     assert 'the run goes on at this moment' in capsys.readouterr().err
+
+
+def test_a_run_whose_rover_was_changed_does_not_go_on(tmp_path: Path) -> None:
+    scenario = Scenario.load('baseline', rover='hexapod')
+    (tmp_path / 'scenario.yaml').write_text(scenario.to_yaml())
+    begun = checkpoint.begin(tmp_path / 'checkpoints', 10**9)
+    begun.part('physics_node').write_bytes(b'state')
+    checkpoint.seal(begun)
+    save_rover(scenario.rover, tmp_path / 'rover.yaml')
+    assert unfinished_run(tmp_path) == Scenario.load(tmp_path / 'scenario.yaml')
+    heavier = dataclasses.replace(scenario.rover.chassis, mass_kg=9.0)
+    save_rover(dataclasses.replace(scenario.rover, chassis=heavier), tmp_path / 'rover.yaml')
+    with pytest.raises(ConfigError, match='rover.yaml is another rover than that of scenario'):
+        unfinished_run(tmp_path)

@@ -18,7 +18,9 @@ from typing import Any, Generic, TypeVar
 from lunar_rover_sim.base.errors import LunarRoverSimError, StudyError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import make_new_folder
+from lunar_rover_sim.base.files.yaml_text import read_text
 
+_MOST_BYTES = 1 << 26       # of the settings, or a drive
 Item = TypeVar('Item')
 Result = TypeVar('Result')
 Progress = Callable[[int, int], object]     # called with how many are done, and of how many
@@ -99,9 +101,9 @@ class StudyFolder(Generic[Case, Drive]):
         self._file = file = folder / self.settings_file
         if resume and folder.exists():
             try:
-                before = file.read_text(encoding='utf-8')
-            except OSError as error:
-                raise StudyError(f'{folder}: is no study to resume: {error.strerror}') from None
+                before = read_text(file, _MOST_BYTES, StudyError)
+            except StudyError as error:
+                raise StudyError(f'{folder}: is no study to resume: {error}') from None
             if before != settings:
                 raise StudyError(f'{folder}: was made with other settings; compare {file}, or give'
                                  ' another folder')
@@ -128,8 +130,8 @@ class StudyFolder(Generic[Case, Drive]):
         if not path.exists():
             return None
         try:
-            return self.drive(json.loads(path.read_text(encoding='utf-8')))
-        except (OSError, ValueError, TypeError, KeyError) as error:
+            return self.drive(json.loads(read_text(path, _MOST_BYTES, StudyError)))
+        except (StudyError, ValueError, TypeError, KeyError, RecursionError) as error:
             raise StudyError(f'{path}: is no drive of this study: {error}; delete it to make it'
                              ' again') from None
 
