@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from lunar_rover_sim.base.errors import ConfigError
-from lunar_rover_sim.base.files.film_file import check_suffix, SUFFIXES, U8, write_film
+from lunar_rover_sim.base.files.film_file import check_rate, check_suffix, SUFFIXES, U8, write_film
 from lunar_rover_sim.base.files.paths import check_path
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
@@ -61,6 +61,7 @@ def video(bag: Path, output: Path, width: int, fps: float, speed: float, start: 
         if tripod is not None and given:
             raise ConfigError(f'{option}: has no effect beside --tripod; leave one of them out')
     settings = FilmOptions(width, fps, speed, start, end, bare, samples)
+    check_rate(output, fps)
     with Progress('reading the drive') as progress:
         film = Film(bag, settings, world)
         film.chase = _camera(film, behind, place, tripod)

@@ -56,9 +56,9 @@ _OF_ORBITAL = ('folder', 'output', 'overwrite', 'orbital', 'overrides', 'sun')
                  help='map: side of a pixel of .tif')
 @click.option('--photo', is_flag=True, help='map: an orthophoto, lit by --sun, in place of '
               'heights')
-@options.bounded('--height-error', 0.0, unit='m', default=0.0, metavar='M',
+@options.bounded('--height-error', 0.0, 1000.0, unit='m', default=0.0, metavar='M',
                  help='map: standard deviation of the heights')
-@options.bounded('--shift-error', 0.0, unit='m', default=0.0, metavar='M',
+@options.bounded('--shift-error', 0.0, 1e5, unit='m', default=0.0, metavar='M',
                  help='map: standard deviation of the shift of the whole map')
 @options.bounded('--noise', 0.0, 1.0, default=0.0, help='map: standard deviation of the '
                  'brightness of a photo, of full scale')

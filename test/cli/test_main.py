@@ -79,6 +79,10 @@ BAD_INPUT = {
     'render flat -o {new} --pose 1,2': (2, "'1,2' is not 3 or 4 numbers"),
     'render flat -o {new} --chase-from 1,2,x': (2, "'1,2,x' is not a list of numbers"),
     'bag video x -o {new}.mp4 --tripod 1,nan,2': (2, 'valid is finite numbers'),
+    'bag video x -o {new}.mp4 --speed 1e-9': (1, '--speed: 1e-09 is not valid; valid is 0.001 to'),
+    'bag video x -o {new}.gif --fps 1e-9': (1, '--fps: 1e-09 is not valid; valid is 0.1 to 100'),
+    'bag video x -o {new}.gif --fps 30': (1, '--fps: 30 is not valid for a .gif, whose frames la'),
+    'bag video x -o {new}.gif --fps 80': (1, 'and two at least; near it is 50'),
     'validate locomotion -o {new} --speeds 0.1 0': (1, '--speeds: 0 is not valid; valid is > 0'),
     'parameters nonsense': (1, "'nonsense' is not valid; see lunar_rover_sim parameters"),
     'run flat -o {new} --set shared.sed=3': (1, "'shared'; see lunar_rover_sim parameters"),
@@ -115,6 +119,8 @@ BAD_INPUT = {
     'world sun 0 0 --at 1 2': (1, '--at: is for a world folder'),
     'world sun {world}': (1, 'does not say where on the Moon it is; give --at LON LAT'),
     'world export {world} -o {new}.tif --set orbital.pixel_m=2': (1, '--set: is for --orbital'),
+    'world export {world} -o {new}.tif --height-error 1e300': (
+        1, '--height-error: 1e+300 is not valid; valid is 0 to 1000 [m]'),
     'world export {world} --orbital -o {world}': (1, 'exists already'),
     'world export {world} --orbital -o {new}.tif': (
         1, 'new.tif is not valid with --orbital, which writes a folder'),

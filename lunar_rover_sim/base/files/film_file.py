@@ -21,7 +21,7 @@ U8 = NDArray[np.uint8]
 
 SUFFIXES = ('.mp4', '.gif', '.webp')
 _CODEC = 'vp09'
-_COLOURS = 64           # of a GIF
+_COLOURS, _GIF_HZ = 64, 100.0     # of a GIF: it counts hundredths of a second
 
 
 def check_suffix(path: Path) -> None:
@@ -29,6 +29,16 @@ def check_suffix(path: Path) -> None:
     if path.suffix not in SUFFIXES:
         raise ConfigError(f'--output: {path} has no suffix of a film; valid are '
                           f'{", ".join(SUFFIXES)}')
+
+
+def check_rate(path: Path, rate_hz: float) -> None:
+    """Raise ConfigError unless a film of this name can have so many frames per second."""
+    # Of a shorter one viewers make a tenth of a second.
+    ticks = max(round(_GIF_HZ / rate_hz), 2)
+    if path.suffix == '.gif' and abs(_GIF_HZ / rate_hz - ticks) > 0.01:
+        raise ConfigError(f'--fps: {rate_hz:g} is not valid for a .gif, whose frames last whole '
+                          f'hundredths of a second, and two at least; near it is '
+                          f'{_GIF_HZ / ticks:.4g}')
 
 
 def write_film(path: Path, frames: Iterator[U8], rate_hz: float, quality: int = 70) -> int:

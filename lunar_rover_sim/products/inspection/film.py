@@ -125,9 +125,11 @@ class FilmOptions:
                               f'from {low} to {high}')
         if not 1 <= self.samples <= 4:
             raise ConfigError(f'--samples: {self.samples} is not valid; valid is 1 to 4')
-        for name, value, most in (('--fps', self.rate_hz, 100.0), ('--speed', self.speed, 1000.0)):
-            if not 0.0 < value <= most:
-                raise ConfigError(f'{name}: {value:g} is not valid; valid is > 0 and <= {most:g}')
+        for name, value, least, most in (('--fps', self.rate_hz, 0.1, 100.0),
+                                         ('--speed', self.speed, 0.001, 1000.0)):
+            if not least <= value <= most:
+                raise ConfigError(f'{name}: {value:g} is not valid; valid is {least:g} to '
+                                  f'{most:g}')
 
 
 class Film:
