@@ -198,8 +198,8 @@ def map_(bag: Path, world: Path | None, maps: int, output: Path | None, as_json:
     if as_json:
         print_json(result.to_mapping())
         return 0
-    print_table(('distance [m]', 'cells', 'RMS [m]', 'median [m]', 'precision', 'recall'), 1,
-                map(_row, (*result.by_distance, result.near)))
+    print_table(('distance [m]', 'cells', 'RMS [m]', 'median [m]', 'precision', 'recall',
+                 'beyond 3 σ [%]'), 1, map(_row, (*result.by_distance, result.near)))
     say(f'{result.maps} maps, sun at {result.sun_deg:g} deg; the last row is all within '
         f'{NEAR_M:g} m; rocks count from {result.rock_m:.3f} m on; median error '
         f'{result.offset_m:+.4f} m; '
@@ -212,4 +212,5 @@ def map_(bag: Path, world: Path | None, maps: int, output: Path | None, as_json:
 
 def _row(rates: Rates) -> tuple[str, ...]:
     return (f'{rates.low_m:g} to {rates.high_m:g}', str(rates.cells), _number(rates.rms_m, 4),
-            _number(rates.median_m, 4), _number(rates.precision, 2), _number(rates.recall, 2))
+            _number(rates.median_m, 4), _number(rates.precision, 2), _number(rates.recall, 2),
+            _number(100.0 * rates.beyond_3_sigma, 2))

@@ -44,11 +44,11 @@ def folded(line: str, columns: int) -> str:
 
 
 def console() -> Console:
-    """Return a console for stdout."""
-    of_terminal = Console()
+    """Return a console for stdout, which prints units in brackets, as [m], as they are."""
+    of_terminal = Console(markup=False, emoji=False)
     if of_terminal.is_terminal or os.environ.get('COLUMNS'):
         return of_terminal
-    return Console(width=PIPE_COLUMNS)
+    return Console(width=PIPE_COLUMNS, markup=False, emoji=False)
 
 
 def print_table(titles: Sequence[str], left: int, rows: Iterable[Sequence[str | Text]],

@@ -1,5 +1,6 @@
 """What commands say of their results: how it went, where the files are, what to try."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from lunar_rover_sim import evaluate, Trajectory
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.cli.main import main
+from lunar_rover_sim.cli.terminal import print_table
 from lunar_rover_sim.judge.evaluation.trajectory_files import trajectory_of_topic, write_tum
 
 
@@ -44,6 +46,18 @@ def test_another_scale_is_noted(scale: float, words: bool, bag: Path, tmp_path: 
     assert ('--align sim3' in capsys.readouterr().out) == words
     assert main(['evaluate', str(bag), str(tmp_path / 'estimate.txt'), '--align', 'sim3']) == 0
     assert '--align sim3' not in capsys.readouterr().out
+
+
+def test_tables_show_what_is_in_brackets_and_between_colons(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Units, and names of other programs: to the library that prints they are styles and signs."""
+    print_table(('over', 'error [m]', '[deg]'), 1, [('1 m', '0.1', '2')])
+    printed = capsys.readouterr().out
+    assert 'error [m]' in printed and '[deg]' in printed
+    odd = dataclasses.replace(synthetic_bag.latched_items()[0], topic='a[/b]:dog:[m]')
+    synthetic_bag.write(tmp_path / 'odd', [*synthetic_bag.drive(0.1), odd])
+    assert main(['bag', 'info', str(tmp_path / 'odd')]) == 0
+    assert 'a[/b]:dog:[m]' in capsys.readouterr().out
 
 
 def test_pictures_do_not_go_into_the_bag(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:

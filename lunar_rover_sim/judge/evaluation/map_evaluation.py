@@ -99,6 +99,8 @@ class Rates(NamedTuple):
         median_m: Median of its absolute value [m].
         precision: Share of the flagged cells that hold a rock, or lie beside one.
         recall: Share of the cells with a rock that are flagged, or lie beside one that is.
+        beyond_3_sigma: Share of the cells of the map, which are smaller, whose error is more than
+            three of the standard deviations that the map states; of a normal distribution 0.003.
     """
 
     low_m: float
@@ -108,6 +110,7 @@ class Rates(NamedTuple):
     median_m: float
     precision: float
     recall: float
+    beyond_3_sigma: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,8 +123,7 @@ class MapEvaluation:
         by_distance: By distance from the rover.
         rock_m: Height from which a rock counts, since the rover cannot cross it [m].
         offset_m: Median error of the elevation [m]; an error in the height of the pose is in it.
-        beyond_3_sigma: Share of the cells of the map whose error is more than three of the
-            standard deviations that the map states; of a normal distribution 0.003.
+        beyond_3_sigma: As `Rates` has it, of all cells of the map.
         sun_deg: Elevation of the sun [deg].
     """
 
@@ -152,6 +154,7 @@ class _Cells(NamedTuple):
     beside_rock: NDArray[np.bool_]
     centre_m: Array
     surprise: Array         # of each cell of the map: error over stated deviation
+    surprise_at_m: Array    # and its distance
 
 
 def evaluate_maps(path: Path, world: Path | None = None, most: int = 40,
@@ -195,8 +198,7 @@ def evaluate_maps(path: Path, world: Path | None = None, most: int = 40,
         _plot(parts[-1], output)
     bins = tuple(_rates(every, low, high) for low, high in zip(DISTANCES_M, DISTANCES_M[1:]))
     return MapEvaluation(len(parts), _rates(every, 0.0, NEAR_M), bins, limits.step_m,
-                         float(np.median(every.error_m)),
-                         float(np.mean(np.abs(every.surprise) > 3.0)),
+                         float(np.median(every.error_m)), _beyond(every.surprise),
                          nodes.render.sun.elevation_deg)
 
 
@@ -232,24 +234,30 @@ def _judged(bag: Bag, stamp: int, odometry: series.Odometry, surface: TrueSurfac
     is_rock[rows, columns] = rise.max(axis=1) > rock_m
     is_flagged = _flags(grid, corner, shape)
     k = max(int(np.searchsorted(odometry.stamps_ns, stamp, side='right')) - 1, 0)
-    centre = low + 0.5 * CELL_M
-    distance = np.linalg.norm(centre - odometry.positions_m[k, :2], axis=1)
+    centre, place = low + 0.5 * CELL_M, odometry.positions_m[k, :2]
+    distance = np.linalg.norm(centre - place, axis=1)
+    surprise = _surprises(points, grid.info.resolution, surface)
+    known_truth = np.isfinite(surprise)
     error = height[rows, columns] / count[rows, columns] - true.mean(axis=1)
     fine = np.isfinite(error)
     beside_flag, beside_rock = (binary_dilation(flags, np.ones((3, 3)))[rows, columns]
                                 for flags in (is_flagged, is_rock))
     return _Cells(distance[fine], error[fine], is_flagged[rows, columns][fine],
                   is_rock[rows, columns][fine], beside_flag[fine], beside_rock[fine],
-                  centre[fine], _surprises(points, grid.info.resolution, surface))
+                  centre[fine], surprise[known_truth],
+                  np.linalg.norm(points[known_truth, :2] - place, axis=1))
 
 
 def _surprises(points: Array, cell_m: float, surface: TrueSurface) -> Array:
-    """Return errors over stated deviations of cells (n, 4): x, y, z and deviation."""
+    """Return errors over stated deviations of cells (n, 4): x, y, z and deviation.
+
+    They are NaN beyond the fine ground.
+    """
     inside = (np.arange(_SAMPLES_OF_MAP) + 0.5) / _SAMPLES_OF_MAP - 0.5
     offsets = cell_m * np.stack(np.meshgrid(inside, inside), axis=-1).reshape(-1, 2)
     true, _ = surface.heights(points[:, None, :2] + offsets)
-    surprise = (points[:, 2] - true.mean(axis=1)) / points[:, 3]
-    return surprise[np.isfinite(surprise)]
+    surprise: Array = (points[:, 2] - true.mean(axis=1)) / points[:, 3]
+    return surprise
 
 
 def _flags(grid: Any, corner: NDArray[np.integer], shape: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -266,12 +274,17 @@ def _flags(grid: Any, corner: NDArray[np.integer], shape: tuple[int, ...]) -> ND
     return flags
 
 
+def _beyond(surprise: Array) -> float:
+    """Return the share of errors beyond three deviations, NaN of none."""
+    return float(np.mean(np.abs(surprise) > 3.0)) if len(surprise) else float('nan')
+
+
 def _rates(cells: _Cells, low_m: float, high_m: float) -> Rates:
     here = (cells.distance_m >= low_m) & (cells.distance_m < high_m)
     count = int(np.count_nonzero(here))
     nan = float('nan')
     if not count:
-        return Rates(low_m, high_m, 0, nan, nan, nan, nan)
+        return Rates(low_m, high_m, 0, nan, nan, nan, nan, nan)
     error = cells.error_m[here]
     flagged, rock = here & cells.flagged, here & cells.rock
 
@@ -280,7 +293,9 @@ def _rates(cells: _Cells, low_m: float, high_m: float) -> Rates:
         return float(np.count_nonzero(of & with_) / total) if total else nan
     return Rates(low_m, high_m, count, float(np.sqrt(np.mean(error ** 2))),
                  float(np.median(np.abs(error))), share(flagged, cells.beside_rock),
-                 share(rock, cells.beside_flag))
+                 share(rock, cells.beside_flag),
+                 _beyond(cells.surprise[(cells.surprise_at_m >= low_m)
+                                        & (cells.surprise_at_m < high_m)]))
 
 
 def _plot(cells: _Cells, path: Path) -> None:

@@ -57,6 +57,9 @@ def test_each_band_has_the_errors_of_its_cells(tmp_path):
                            tmp_path / 'world')
     inner, outer, *_ = result.by_distance
     assert inner.rms_m == pytest.approx(0.2, abs=0.01) and outer.rms_m < 0.01
+    # The map states 1 cm; its cells are smaller than those whose middles count.
+    second, *others = (one.beyond_3_sigma for one in result.by_distance[1:] if one.cells)
+    assert inner.beyond_3_sigma > 0.9 and second < 0.1 and not any(others)
 
 
 def test_flags_are_right_or_missing_also_in_a_picture(folder, tmp_path):
