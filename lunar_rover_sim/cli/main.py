@@ -241,6 +241,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return error.exit_code
     except KeyboardInterrupt:
         return 130
+    except RuntimeError as error:
+        # Ctrl-C while a class is made: before Python 3.12 it is the cause of what is raised.
+        if isinstance(error.__cause__, KeyboardInterrupt):
+            return 130
+        raise
     except BrokenPipeError:
         # The reader of our output (head, less) has seen enough.
         sys.stderr.close()

@@ -44,7 +44,7 @@ def _route(text: str) -> str | list[tuple[float, float]]:
                           f'{nearest(text, _SHAPES)}')
     places = []
     try:
-        text = read_text(path, _MOST_BYTES)
+        text = read_text(path, _MOST_BYTES).removeprefix('\ufeff')    # spreadsheets begin so
     except ConfigError as error:
         raise ConfigError(f'--route: {error}') from None
     for number, line in enumerate(text.splitlines(), 1):

@@ -159,6 +159,19 @@ def test_bad_input_is_one_line(line: str, world: Path, tmp_path: Path,
     assert len(error) < 160     # two lines of a terminal
 
 
+def test_ctrl_c_while_classes_are_imported_is_no_error(monkeypatch: pytest.MonkeyPatch,
+                                                       capsys: pytest.CaptureFixture[str]) -> None:
+    """As while a dataclass with parameters is made, whose fields learn their names."""
+    class Stopped:
+        def __set_name__(self, _owner: type, _name: str) -> None:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr('lunar_rover_sim.cli.main.execute',
+                        lambda _argv: type('Made', (), {'x': Stopped()}))
+    assert main(['world', 'info', 'x']) == 130
+    assert capsys.readouterr().err == ''
+
+
 def test_an_error_is_folded_to_a_terminal() -> None:
     """Between words; the words are those of the one line elsewhere."""
     words = [sys.executable, '-m', 'lunar_rover_sim.cli.main', 'run', 'nowhere', '-o', 'new']

@@ -16,6 +16,8 @@ def test_a_route_is_a_shape_or_the_places_of_a_file(tmp_path):
     file = tmp_path / 'way.csv'
     file.write_text('# to the crater\n10, 2.5\n\n-3,400\n')
     assert _route(str(file)) == [(10.0, 2.5), (-3.0, 400.0)]
+    file.write_text('10,2.5\n-3,400\n', encoding='utf-8-sig')
+    assert _route(str(file)) == [(10.0, 2.5), (-3.0, 400.0)]
     for text, said in (('10,2\n7\n', "way.csv, line 2: '7': is no place"),
                        ('# none\n', 'no place')):
         file.write_text(text)
