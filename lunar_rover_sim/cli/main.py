@@ -46,7 +46,7 @@ COMMANDS = {
     'bag preview': Entry('bag:preview', 'PNG pictures: cameras, their truth, LiDAR, heading, '
                          'power, trajectory, attitude, IMU'),
     'bag recover': Entry('bag:recover', 'make a bag readable whose recording was cut off'),
-    'bag video': Entry('bag_video:video', 'a film of the drive: the rover from outside, its left '
+    'bag video': Entry('bag:video', 'a film of the drive: the rover from outside, its left '
                        'image in a corner'),
     'bag view': Entry('bag:view', 'play the bag in a browser, without ROS, until Ctrl-C'),
     'benchmark drives': Entry('benchmark:drives', 'simulate, run SLAM, and judge: a table over '
@@ -86,20 +86,20 @@ COMMANDS = {
                            'scenario'),
     'slam table': Entry('slam:table', 'one table of the parts of a benchmark that ran on several '
                         'machines'),
-    'validate imu': Entry('validate_imu:imu', 'Allan deviation of the IMU at rest against its '
+    'validate imu': Entry('validate:imu', 'Allan deviation of the IMU at rest against its '
                           'configured noise'),
     'validate learning': Entry('validate_learning:learning', 'policies against the packaged gait '
                                'on hidden seeds'),
-    'validate locomotion': Entry('validate_walking:locomotion', 'pitch of the walk against a '
+    'validate locomotion': Entry('validate:locomotion', 'pitch of the walk against a '
                                  'velocity interface; commands followed'),
-    'validate navigation': Entry('validate_navigation:navigation', 'goals by what the rover sees, '
+    'validate navigation': Entry('validate:navigation', 'goals by what the rover sees, '
                                  'against the true map and a blind route'),
-    'validate odometry': Entry('validate_odometry:odometry', 'wheel odometry and its covariance '
+    'validate odometry': Entry('validate:odometry', 'wheel odometry and its covariance '
                                'against the true pose'),
     'validate policy': Entry('validate_policy:policy', 'a policy file against its environment, '
                              'term by term'),
-    'validate stereo': Entry('validate_stereo:stereo', 'semi-global matching against true depth'),
-    'validate terramechanics': Entry('validate_walking:terramechanics',
+    'validate stereo': Entry('validate:stereo', 'semi-global matching against true depth'),
+    'validate terramechanics': Entry('validate:terramechanics',
                                      'walks on soft ground, slopes and against a pull'),
     'view': Entry('view:view', "physics alone in MuJoCo's viewer"),
     'world build': Entry('world:build', 'make a world folder from a scenario, an elevation model '
@@ -109,7 +109,7 @@ COMMANDS = {
                           'of a recording in a mesh file, or as heights (NPZ)'),
     'world info': Entry('world:info', 'what a world folder holds; checks its hash'),
     'world preview': Entry('world:preview', 'maps, statistics and camera views as a PNG'),
-    'world sun': Entry('world_sun:sun', 'sun, Earth and light at a place on the Moon over time'),
+    'world sun': Entry('world:sun', 'sun, Earth and light at a place on the Moon over time'),
 }
 
 

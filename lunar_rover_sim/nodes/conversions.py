@@ -5,7 +5,7 @@ and scans in `lidar_node`, boxes and labels in `image_conversions`, sensors on r
 `state_publisher`. The publishers of sun and diagnostics, and slam_node, fill theirs themselves.
 
 Quaternions are wxyz in the core and xyzw in messages. What physics publishes of every state is
-made in `state_publisher`: its numbers are written into CDR (`refilled`).
+made in `state_publisher`: its numbers are written into CDR (`Refilled`).
 """
 
 from __future__ import annotations

@@ -23,11 +23,11 @@ from lunar_rover_sim.ground.world.moon_place import reported_site
 from lunar_rover_sim.image.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
 from lunar_rover_sim.nodes.checkpoints import Barrier
+from lunar_rover_sim.nodes.diagnostics import PhysicsDiagnostics
 from lunar_rover_sim.nodes.ground_listener import load_own_world, log_window
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.pacing import Stepping, WallPace
 from lunar_rover_sim.nodes.parameters import declare, on_change
-from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.state_publisher import GroundPublisher, RequestedSensors, StatePublisher
 from lunar_rover_sim.rover.description import load_rover

@@ -39,7 +39,7 @@ from lunar_rover_sim.run.scenario import Scenario
 
 DURATION_S, STATE_HZ, FRAME_HZ, JUDGED = 5.0, 200, 20, 10
 NEAR_M = 2.0            # up to here all of the relief has shape
-REFERENCE = f'{sys.executable} -m lunar_rover_sim.judge.slam.client'
+REFERENCE = f'{sys.executable} -m lunar_rover_sim.judge.slam.graph.in_process'
 MEASURES = {
     'bad_1': 'SGM to 2 m: bad-1 [%]', 'density': 'SGM to 2 m: density on lit ground [%]',
     'median_px': 'SGM to 2 m: median signed error [px]', 'all_bad_1': 'SGM: bad-1 [%]',

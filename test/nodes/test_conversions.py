@@ -26,7 +26,7 @@ from lunar_rover_sim.image.rendering.labels import instances  # noqa: E402
 from lunar_rover_sim.image.rendering.labels import LABEL_FIRST_ROCK  # noqa: E402
 from lunar_rover_sim.nodes import conversions, image_conversions  # noqa: E402
 from lunar_rover_sim.nodes.message_types import definition_of  # noqa: E402
-from lunar_rover_sim.nodes.refilled import Refilled  # noqa: E402
+from lunar_rover_sim.nodes.state_publisher import Refilled  # noqa: E402
 from lunar_rover_sim.rover.description import Legs, RoverDescription  # noqa: E402
 from lunar_rover_sim.rover.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.sensors.wheel_odometry import Rolling, WheelOdometry  # noqa: E402

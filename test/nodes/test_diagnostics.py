@@ -18,8 +18,8 @@ from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from lunar_rover_sim.nodes import diagnostics  # noqa: E402
 from lunar_rover_sim.nodes.diagnostics import (Diagnostics, Drops, ERROR, OK, Rate,  # noqa: E402
                                                WARN)
+from lunar_rover_sim.nodes.diagnostics import PhysicsDiagnostics  # noqa: E402
 from lunar_rover_sim.nodes.node_main import CountedWarnings  # noqa: E402
-from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics  # noqa: E402
 from lunar_rover_sim.run.lockstep import StampGate  # noqa: E402
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig  # noqa: E402
 from lunar_rover_sim.run.shared_config import WaitConfig  # noqa: E402
