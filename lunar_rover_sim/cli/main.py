@@ -12,7 +12,7 @@ import click
 
 from lunar_rover_sim import __version__
 from lunar_rover_sim.base.errors import ConfigError, did_you_mean, LunarRoverSimError, one_line
-from lunar_rover_sim.base.open_files import check_open_files
+from lunar_rover_sim.base.process import check_open_files
 
 NAME = 'lunar_rover_sim'
 _COMPLETE = '_LUNAR_ROVER_SIM_COMPLETE'     # set by the script that `completion` prints
@@ -68,7 +68,7 @@ COMMANDS = {
     'demo': Entry('demo:demo', 'record a first drive, check it and draw pictures of it'),
     'evaluate drive': Entry('evaluate:drive', 'how a rover drove: incidents a kilometre, '
                             'unknown ground, stops'),
-    'evaluate images': Entry('evaluate_images:images',
+    'evaluate images': Entry('evaluate:images',
                              'compare the images of two renderers, cameras or worlds'),
     'evaluate map': Entry('evaluate:map_', 'judge the maps of a recorded drive against its '
                           'world'),

@@ -59,7 +59,7 @@ def main() -> int:
     import importlib
 
     from lunar_rover_sim.base.errors import LunarRoverSimError
-    from lunar_rover_sim.base.open_files import check_open_files
+    from lunar_rover_sim.base.process import check_open_files
     from lunar_rover_sim.run.node_state import fail
     from lunar_rover_sim.run.ros_domain import dds_environment, require_ros
     try:

@@ -19,7 +19,7 @@ from lunar_rover_sim.image.camera.config import (CameraConfig, CompressionConfig
                                                  FurtherCameraConfig)
 from lunar_rover_sim.image.camera.hazard import HazardConfig
 from lunar_rover_sim.image.illumination.config import SunConfig
-from lunar_rover_sim.image.lidar.config import LidarConfig
+from lunar_rover_sim.image.lidar.optics import LidarConfig
 from lunar_rover_sim.image.rendering.config import RenderConfig
 from lunar_rover_sim.image.stereo.config import SgmConfig
 from lunar_rover_sim.rover.gait.config import GaitConfig

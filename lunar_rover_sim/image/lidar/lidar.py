@@ -14,8 +14,8 @@ from lunar_rover_sim.ground.world.far_rocks import far_rocks
 from lunar_rover_sim.ground.world.follower import Follower
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.lidar.beam_pattern import beam_pattern
-from lunar_rover_sim.image.lidar.config import DROP, LidarConfig
 from lunar_rover_sim.image.lidar.motion import ScanMotion
+from lunar_rover_sim.image.lidar.optics import DROP, LidarConfig
 from lunar_rover_sim.image.lidar.own_body import OwnBody
 from lunar_rover_sim.image.lidar.ray_arrays import HeightPyramid, RockHulls, SoftCells
 from lunar_rover_sim.image.lidar.ray_caster import NOTHING, RayCaster, RayHits, ROVER

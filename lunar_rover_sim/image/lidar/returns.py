@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.base.compiled import compiled, read_only
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.image.illumination import hapke
-from lunar_rover_sim.image.lidar.config import LidarConfig
+from lunar_rover_sim.image.lidar.optics import LidarConfig
 from lunar_rover_sim.image.lidar.ray_caster import RayHits, ROVER
 
 _THRESHOLD = 6.0            # of the noise: a false alarm in a billion; a choice

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.base.errors import RenderError
 from lunar_rover_sim.base.frames import sun_direction
-from lunar_rover_sim.base.freed_memory import return_freed
+from lunar_rover_sim.base.process import return_freed
 from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.ground.world.follower import Follower
 from lunar_rover_sim.ground.world.model import World

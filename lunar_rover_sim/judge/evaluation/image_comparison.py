@@ -28,7 +28,7 @@ from lunar_rover_sim.judge.evaluation.image_statistics import (image_statistics,
                                                                MEASURES, SHARES)
 from lunar_rover_sim.judge.evaluation.statistics import Difference, SeriesMean
 
-FRAMES = 40
+MOST_IMAGES = 40
 DISTANCE = 'log gradient distance'
 
 
@@ -114,7 +114,7 @@ class ImageComparison:
                        'shuffled_95': self.chance}})
 
 
-def compare_images(first: Path | str, second: Path | str, *, frames: int = FRAMES,
+def compare_images(first: Path | str, second: Path | str, *, frames: int = MOST_IMAGES,
                    width_px: int | None = None, seed: int = 1,
                    progress: Callable[[], None] | None = None) -> ImageComparison:
     """Compare two sets of images.

@@ -19,7 +19,7 @@ from lunar_rover_sim.base.closing import Closing
 from lunar_rover_sim.base.errors import brief, ConfigError, GroundLeftError, one_line, PhysicsError
 from lunar_rover_sim.base.files.state_file import attributes, load_state, save_state
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, rotated, tilt_deg
-from lunar_rover_sim.base.freed_memory import return_freed
+from lunar_rover_sim.base.process import return_freed
 from lunar_rover_sim.ground.regolith.looseness import soil_map
 from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.ground.world.follower import Follower

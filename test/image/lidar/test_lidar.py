@@ -13,10 +13,9 @@ from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.frames import matrix_from_wxyz, se3, wxyz_from_rpy
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.image.lidar.beam_pattern import beam_pattern
-from lunar_rover_sim.image.lidar.config import LidarConfig
 from lunar_rover_sim.image.lidar.lidar import Lidar
 from lunar_rover_sim.image.lidar.motion import ScanMotion
-from lunar_rover_sim.image.lidar.optics import FLASH, LidarOptics, TOFCAM635, VLP16
+from lunar_rover_sim.image.lidar.optics import FLASH, LidarConfig, LidarOptics, TOFCAM635, VLP16
 from lunar_rover_sim.image.lidar.ray_caster import GROUND, NOTHING
 from lunar_rover_sim.image.lidar.ray_caster import ROVER as OWN
 from lunar_rover_sim.rover.pose import RoverPose

@@ -15,9 +15,8 @@ from lunar_rover_sim.ground.regolith.overlay import CELL_M, Overlay, TILE
 from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.image.lidar import ray_caster, ray_march, returns
 from lunar_rover_sim.image.lidar.beam_pattern import beam_pattern
-from lunar_rover_sim.image.lidar.config import LidarConfig
 from lunar_rover_sim.image.lidar.lidar import Lidar
-from lunar_rover_sim.image.lidar.optics import VLP16
+from lunar_rover_sim.image.lidar.optics import LidarConfig, VLP16
 from lunar_rover_sim.image.lidar.ray_arrays import HeightPyramid, RockHulls, SoftCells
 from lunar_rover_sim.image.lidar.ray_caster import GROUND, NOTHING, RayCaster
 from lunar_rover_sim.rover.description import RoverDescription

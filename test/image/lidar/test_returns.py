@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 
 from lunar_rover_sim.image.illumination import hapke
-from lunar_rover_sim.image.lidar.config import LidarConfig
-from lunar_rover_sim.image.lidar.optics import VLP16
+from lunar_rover_sim.image.lidar.optics import LidarConfig, VLP16
 from lunar_rover_sim.image.lidar.ray_caster import GROUND, RayHits
 from lunar_rover_sim.image.lidar.returns import ReturnModel
 

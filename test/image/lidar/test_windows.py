@@ -8,8 +8,8 @@ import worlds
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.ground.regolith.overlay import Overlay
 from lunar_rover_sim.ground.world.follower import Follower
-from lunar_rover_sim.image.lidar.config import LidarConfig
 from lunar_rover_sim.image.lidar.lidar import Lidar
+from lunar_rover_sim.image.lidar.optics import LidarConfig
 from lunar_rover_sim.image.rendering.snapshot import standing
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import moved, RoverPose

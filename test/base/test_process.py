@@ -5,7 +5,7 @@ import sys
 import psutil
 import pytest
 
-from lunar_rover_sim.base.freed_memory import return_freed
+from lunar_rover_sim.base.process import return_freed
 
 
 @pytest.mark.skipif(not sys.platform.startswith('linux'), reason='glibc alone keeps it so')
