@@ -13,7 +13,6 @@ stance.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 import dataclasses
 import math
 from pathlib import Path
@@ -107,20 +106,6 @@ class Legs(Parameters):
             raise ConfigError(f'each: {len(self.each)} legs given; valid are {LEAST_LEGS} to '
                               f'{MOST_LEGS}')
 
-    @classmethod
-    def from_mapping(cls, mapping: Mapping[str, Any], where: str = '') -> Legs:
-        """Build the legs as `Parameters.from_mapping`.
-
-        Recordings and rovers of version 0.1 name four legs by `axle_x_m`, `axle_y_m`, `axle_z_m`.
-        """
-        if (isinstance(mapping, Mapping) and not _QUAD_NAMES.isdisjoint(mapping)
-                and set(mapping.get('each', rectangle())) == set(rectangle())):
-            places = {name[5]: mapping[name] for name in _QUAD_NAMES if name in mapping}
-            rest = {name: value for name, value in mapping.items() if name not in _QUAD_NAMES}
-            mapping = {**rest, 'each': {name: leg.to_mapping()
-                                        for name, leg in rectangle(**places).items()}}
-        return super().from_mapping(mapping, where)
-
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the legs."""
@@ -159,9 +144,6 @@ class Legs(Parameters):
     def lowest_axle_m(self) -> float:
         """Height of the lowest axle in base_link [m]."""
         return min(leg.position_m[2] for leg in self.each.values())
-
-
-_QUAD_NAMES = {'axle_x_m', 'axle_y_m', 'axle_z_m'}
 
 
 @dataclasses.dataclass(frozen=True)

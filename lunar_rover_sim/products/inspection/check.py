@@ -357,8 +357,7 @@ def contents(rover: RoverData, report: CheckReport) -> None:
     wrong = [f'{t.name} in frame {sorted(t.frame_ids)}, not {t.topic.frame(separate)!r}'
              for t in rover.scan.topics.values() if t.frame_ids and t.topic.frame_id
              and t.frame_ids != {t.topic.frame(separate)}
-             # Recordings of earlier versions name no frame of the feet, and two of a pair.
-             and not (t.topic in (topics.FOOT_SLIP, topics.SINKAGE) and t.frame_ids == {''})
+             # Recordings of 1.0 name two frames of a pair.
              and not ('/right/' in t.name
                       and t.frame_ids == {t.topic.frame_id.replace('left', 'right')})]
     report.verdict('frames', wrong, 'as in the contract')
