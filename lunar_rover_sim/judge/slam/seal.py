@@ -239,7 +239,7 @@ def read_seal(path: Path) -> Seal:
                     {str(name): tuple(map(str, one.get('settings', ())))
                      for name, one in content['drives'].items()},
                     [dict(row) for row in content['results']])
-    except (TypeError, KeyError, ValueError, AttributeError) as error:
+    except (TypeError, KeyError, ValueError, OverflowError, AttributeError) as error:
         raise SlamError(f'{path}: is no seal of a benchmark: {brief(str(error))}') from None
     if wrong := [sensor for sensor in seal.sensors if sensor not in SENSORS]:
         raise SlamError(f'{path}: sensors: {brief(wrong[0])} is not valid; valid are '

@@ -148,7 +148,8 @@ def test_bad_seals(sealed: Path, tmp_path: Path) -> None:
                            (re.sub(r"images: *\n *- '?[\d.]+ ", 'images:\n    - nan ', text),
                             'valid are grey levels of 0 to 255'),
                            (text.replace('successes:', 'success:'), 'a row lacks successes'),
-                           (text.replace('world: ab', 'wordl: ab'), 'is no seal')):
+                           (text.replace('world: ab', 'wordl: ab'), 'is no seal'),
+                           (text.replace('version: 3', 'version: .inf'), 'is no seal')):
         (tmp_path / 'bad.yaml').write_text(content)
         with pytest.raises(SlamError, match=words):
             read_seal(tmp_path / 'bad.yaml')
