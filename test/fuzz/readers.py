@@ -18,7 +18,7 @@ from claims import claim, one_line, within_bounds
 import mutations
 import numpy as np
 import samples
-from world_readers import read_dem, read_marked, read_mesh, read_placed, read_world
+from world_readers import read_dem, read_marked, read_mesh, read_orbital, read_placed, read_world
 
 from lunar_rover_sim.base.files.yaml_text import read_text
 from lunar_rover_sim.base.parameters import Parameters
@@ -191,6 +191,8 @@ READERS: dict[str, Reader] = {
     'world': Reader(samples.world, {'world/*.npy': mutations.any_npy,
                                     'world/*.npz': mutations.any_npz,
                                     'world/*.yaml': mutations.any_yaml}, read_world, 6),
+    'orbital': Reader(samples.orbital, {'maps/*json': mutations.any_json,
+                                        'maps/*.tif': mutations.any_bytes}, read_orbital, 6),
     'mcap': Reader(samples.mcap, _BAG, read_bag, 10),
     'mcap_zstd': Reader(samples.mcap_zstd, _BAG, read_bag),
     'sqlite': Reader(samples.sqlite, _BAG, read_bag, 8),

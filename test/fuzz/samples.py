@@ -19,6 +19,7 @@ from lunar_rover_sim.campaign.manifest import (CAMPAIGN_FILE, EPISODES, ERROR_FI
                                                file_table, FORMAT, MANIFEST)
 from lunar_rover_sim.ground.world.build import build_world
 from lunar_rover_sim.ground.world.config import WorldConfig
+from lunar_rover_sim.ground.world.orbital_map import MappedCraters, OrbitalConfig, OrbitalMap
 from lunar_rover_sim.ground.world.world_folder import save_world
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory
 from lunar_rover_sim.judge.evaluation.trajectory_files import write_tum
@@ -123,6 +124,14 @@ def mesh(folder: Path) -> None:
 def world(folder: Path) -> None:
     """A small world."""
     save_world(build_world(WorldConfig.from_mapping(WORLD), 1), folder / 'world')
+
+
+def orbital(folder: Path) -> None:
+    """Maps of a site from orbit."""
+    craters = MappedCraters(np.array([[3.0, -4.0], [-9.0, 8.0]]), np.array([6.0, 11.0]))
+    OrbitalMap(_heights().astype(np.float32), (-47.0, -47.0), craters,
+               _picture(1)[:24, :24].copy(), (-11.5, -11.5), OrbitalConfig(), {'seed': 1},
+               'ground').save(folder / 'maps')
 
 
 def _bag(folder: Path, storage: str = 'mcap', **options: str) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import random
 from typing import Any
 
-from claims import claim
+from claims import claim, within_bounds
 import numpy as np
 import rasterio
 from rasterio.crs import CRS
@@ -15,6 +15,7 @@ import samples
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.dem import open_dem
 from lunar_rover_sim.ground.world.mesh import MeshSource
+from lunar_rover_sim.ground.world.orbital_map import OrbitalMap
 from lunar_rover_sim.ground.world.world_folder import content_hash, load_world
 
 
@@ -113,6 +114,16 @@ def read_world(folder: Path, valid: Path, _file: Path, _rng: random.Random) -> N
     world = load_world(folder / 'world')
     claim(world.hash == content_hash(world), 'the hash is not that of the content')
     claim(world.hash == _hash_of(valid / 'world'), 'the content is another one')
+
+
+def read_orbital(folder: Path, _valid: Path, _file: Path, _rng: random.Random) -> None:
+    """Heights are those of the Moon or missing, craters have a place and a size."""
+    maps = OrbitalMap.load(folder / 'maps')
+    claim(np.nanmax(np.abs(maps.heights_m)) < 1e5, 'heights beyond any on the Moon')
+    claim(maps.craters.position_m.shape == (len(maps.craters), 2), 'a place is no x, y')
+    claim(np.isfinite(maps.craters.position_m).all(), 'a crater is nowhere')
+    claim((maps.craters.diameter_m > 0.0).all(), 'a crater has no size')
+    within_bounds(maps.config)
 
 
 @functools.lru_cache(maxsize=1)

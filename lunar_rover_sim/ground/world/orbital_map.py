@@ -8,25 +8,35 @@ from __future__ import annotations
 from collections.abc import Mapping
 import dataclasses
 import json
+import logging
 import math
 from pathlib import Path
 from typing import Any
+import warnings
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 import rasterio
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.io import MemoryFile
 from rasterio.transform import from_origin
 
-from lunar_rover_sim.base.errors import brief, ConfigError, WorldError
+from lunar_rover_sim.base.errors import brief, ConfigError, one_line, WorldError
 from lunar_rover_sim.base.files.atomic import atomic_write, partial_folder
+from lunar_rover_sim.base.files.library_output import stderr_to_log
+from lunar_rover_sim.base.files.paths import check_regular
+from lunar_rover_sim.base.files.yaml_text import read_text
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.base.parameters import param, Parameters
+from lunar_rover_sim.ground.world.raster import MAX_HEIGHT_M
+
+logger = logging.getLogger(__name__)
 
 HEIGHTS_FILE, PHOTO_FILE = 'heights.tif', 'photo.tif'
 CRATERS_FILE, ABOUT_FILE = 'craters.geojson', 'orbital.json'
 FORMAT = 1
 NO_PHOTO = 0                # value of a pixel without data
+_MOST_BYTES = 1 << 28       # of a text
 
 
 @dataclasses.dataclass(frozen=True)
@@ -159,6 +169,8 @@ class OrbitalMap:
         with partial_folder(folder, WorldError) as there:
             self._write(there)
             folder.mkdir(parents=True, exist_ok=True)
+            if not self.photo.size:     # that of an older export shows another ground or sun
+                (folder / PHOTO_FILE).unlink(missing_ok=True)
             # The last one says that all are there.
             for file in sorted(there.iterdir(), key=lambda file: file.name == ABOUT_FILE):
                 file.replace(folder / file.name)
@@ -212,19 +224,21 @@ class OrbitalMap:
             recipe, name, crs = dict(about['recipe']), str(about['ground']), str(about['crs'])
             if len(origin) != 2 or not all(map(math.isfinite, origin)):
                 raise ValueError(f'origin_m: {brief(about["origin_m"])} is not valid')
-        except (KeyError, TypeError, ValueError, ConfigError) as reason:
+        except (KeyError, TypeError, ValueError, OverflowError, ConfigError) as reason:
             what = f'{reason} is missing' if isinstance(reason, KeyError) else reason
             raise WorldError(f'{path}: is no description of orbital maps: {what}') from None
-        heights, first = _read_tif(folder / HEIGHTS_FILE, config.pixel_m, 'float32', origin)
-        if np.isinf(heights).any() or np.isnan(heights).all():
+        heights, first = _read_tif(folder / HEIGHTS_FILE, config.pixel_m, np.float32(np.nan),
+                                   origin, name)
+        if (np.abs(heights) >= MAX_HEIGHT_M).any() or np.isnan(heights).all():
             raise WorldError(f'{folder / HEIGHTS_FILE}: its heights are infinite, or all missing; '
-                             'valid are finite ones, and NaN where there are none')
+                             f'valid are those below {MAX_HEIGHT_M:g} m, and NaN or its nodata '
+                             'where there are none')
         photo, photo_first = np.zeros((0, 0), np.uint8), (0.0, 0.0)
         if config.photo_pixel_m:
-            photo, photo_first = _read_tif(folder / PHOTO_FILE, config.photo_pixel_m, 'uint8',
-                                           origin)
-        return OrbitalMap(heights, first, _read_craters(folder / CRATERS_FILE, origin), photo,
-                          photo_first, config, recipe, name, crs, (origin[0], origin[1]))
+            photo, photo_first = _read_tif(folder / PHOTO_FILE, config.photo_pixel_m,
+                                           np.uint8(NO_PHOTO), origin, name)
+        return OrbitalMap(heights, first, _read_craters(folder / CRATERS_FILE, origin, name),
+                          photo, photo_first, config, recipe, name, crs, (origin[0], origin[1]))
 
 
 def write_tif(path: Path, values: NDArray[Any], first_m: tuple[float, float], pixel_m: float,
@@ -274,44 +288,66 @@ def bilinear(values: NDArray[np.float32], first_m: tuple[float, float], pixel_m:
 
 def _json(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(path.read_text())
-    except OSError as reason:
-        raise WorldError(f'{path}: {reason.strerror}; valid is a folder of `world export '
-                         '--orbital`') from None
-    except ValueError:
+        found = json.loads(read_text(path, _MOST_BYTES, WorldError))
+    except WorldError as reason:
+        raise WorldError(f'{reason}; valid is a folder of `world export --orbital`') from None
+    except (ValueError, RecursionError):
         raise WorldError(f'{path}: is no JSON') from None
     if not isinstance(found, dict):
         raise WorldError(f'{path}: is no JSON object')
     return found
 
 
-def _read_tif(path: Path, pixel_m: float, dtype: str, origin_m: tuple[float, ...]
-              ) -> tuple[NDArray[Any], tuple[float, float]]:
-    """Return a raster, row 0 south, and the place of its first pixel in the site."""
+def _read_tif(path: Path, pixel_m: float, missing: np.generic, origin_m: tuple[float, ...],
+              ground: str) -> tuple[NDArray[Any], tuple[float, float]]:
+    """Return a raster, row 0 south, and the place of its first pixel in the site.
+
+    Args:
+        missing: Value where the file has no data, of the type that is valid.
+        ground: Of the maps; a file that names another is refused.
+    """
+    check_regular(path, WorldError)
+    dtype = missing.dtype.name
     try:
-        with rasterio.open(path) as file:
-            t = file.transform
-            if file.count != 1 or file.dtypes[0] != dtype:
-                raise WorldError(f'{path}: {file.count} bands of {file.dtypes[0]} are not valid; '
-                                 f'valid is one of {dtype}')
-            if t.b or t.d or abs(t.a - pixel_m) > 1e-6 or abs(t.e + pixel_m) > 1e-6:
-                raise WorldError(f'{path}: pixels of {t.a:g}, {t.e:g} with north not up are not '
-                                 f'valid; valid is {pixel_m:g}, -{pixel_m:g} as in {ABOUT_FILE}')
-            values = np.ascontiguousarray(file.read(1)[::-1])
-            first = (t.c + 0.5 * pixel_m - origin_m[0],
-                     t.f - (file.height - 0.5) * pixel_m - origin_m[1])
-    except rasterio.errors.RasterioError as reason:
-        raise WorldError(f'{path}: {reason}') from None
+        with warnings.catch_warnings(), stderr_to_log(logger):
+            warnings.simplefilter('ignore', NotGeoreferencedWarning)
+            with rasterio.open(path) as file:
+                t = file.transform
+                if file.count != 1 or file.dtypes[0] != dtype:
+                    raise WorldError(f'{path}: {file.count} bands of {file.dtypes[0]} are not '
+                                     f'valid; valid is one of {dtype}')
+                if t.b or t.d or abs(t.a - pixel_m) > 1e-6 or abs(t.e + pixel_m) > 1e-6:
+                    raise WorldError(f'{path}: pixels of {t.a:g}, {t.e:g} with north not up are '
+                                     f'not valid; valid is {pixel_m:g}, -{pixel_m:g} as in '
+                                     f'{ABOUT_FILE}')
+                _check_ground(path, file.tags().get('ground', ground), ground)
+                # Other programs mark missing data by values of their own, as -9999.
+                found = file.read(1, masked=True).filled(missing)
+                first = (t.c + 0.5 * pixel_m - origin_m[0],
+                         t.f - (file.height - 0.5) * pixel_m - origin_m[1])
+    except (RasterioError, ValueError) as reason:
+        raise WorldError(f'{path}: cannot be read, it may be damaged: {one_line(reason)}'
+                         ) from None
+    values = np.ascontiguousarray(found[::-1])
     values.setflags(write=False)
     return values, first
 
 
-def _read_craters(path: Path, origin_m: tuple[float, ...]) -> MappedCraters:
+def _check_ground(path: Path, found: object, ground: str) -> None:
+    if found != ground:
+        raise WorldError(f'{path}: is of the ground {brief(found)}, and {ABOUT_FILE} of '
+                         f'{brief(ground)}; valid are files of one export')
+
+
+def _read_craters(path: Path, origin_m: tuple[float, ...], ground: str) -> MappedCraters:
+    found = _json(path)
+    _check_ground(path, found.get('ground', ground), ground)
     try:
-        rows = [(*feature['geometry']['coordinates'], feature['properties']['diameter_m'])
-                for feature in _json(path)['features']]
-        table = np.array(rows, float).reshape(-1, 3)
-    except (KeyError, TypeError, ValueError):
+        # Other programs add a height to a place.
+        rows = [(*feature['geometry']['coordinates'][:2], feature['properties']['diameter_m'])
+                for feature in found['features']]
+        table = np.array(rows, float).reshape(len(rows), 3)
+    except (KeyError, TypeError, ValueError, OverflowError):
         raise WorldError(f'{path}: is no list of craters') from None
     if not np.isfinite(table).all() or (table[:, 2] <= 0.0).any():
         raise WorldError(f'{path}: places and diameters must be finite, diameters > 0 [m]')
