@@ -162,7 +162,7 @@ def test_bad_seals(sealed: Path, tmp_path: Path) -> None:
 def test_packaged_seals_are_of_the_present_ground(name: str) -> None:
     """A new recipe of worlds makes other drives: then they are to be sealed anew."""
     seal = read_seal(find_file('seal', name))
-    drive = Drive(seal.scenarios[0], seal.seeds[0], seal.duration_s, overrides=seal.settings)
+    drive = seal.drive(seal.scenarios[0], seal.seeds[0])
     world = drive.load_scenario().load_world()
     assert world.hash == seal.drives[drive.name].world
     assert {'reference', 'graph', 'wheels'} <= {row['system'] for row in seal.results}
