@@ -153,7 +153,7 @@ class PolicyNodeConfig(NodeConfig):
     wait: WaitConfig = group(WaitConfig)
 
 
-_END_AFTER = ('time from {} to the end of the run; negative: it lasts its whole duration')
+_END_AFTER = 'time from {} to the end of the run; negative: it lasts its whole duration'
 
 
 @dataclasses.dataclass(frozen=True)

@@ -23,7 +23,7 @@ from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.judge.slam.seal import read_seal, RECORDINGS, Seal
 
 _STEP_M = 0.05      # between the points that are looked at
-_JOINED_M = 0.1     # from each place to all of this radius: so what led back is left out
+_JOINED_M = 0.1     # places as near as this are joined, so that what led back is left out
 _OFF_M = 0.03       # of the straight pieces from the points
 
 # Settings of a scenario with which drive_node follows a way, and the run ends at its end.
@@ -34,7 +34,7 @@ ALONG = ('run.nodes=[physics_node, gait_controller_node, render_node, recorder_n
 def way_of(positions_m: Array) -> Array:
     """Return (n, 2) waypoints along (m, 2) or (m, 3) positions, to 1 cm, without the first place.
 
-    It is the shortest way over the places: where the rover came back, what lies between is not.
+    It is the shortest way over the places, so it leaves out what led back to one of them.
 
     Raises:
         SlamError: If it has not moved.
