@@ -387,7 +387,7 @@ def test_without_gtsam_the_graph_says_so_in_a_line_and_is_the_window(peer: Peer)
 @pytest.mark.parametrize(('parameters', 'word'), [
     (('sensor:=mono',), "sensor: 'mono' is not valid with system graph"),
     (('command:=ls',), "command: 'ls' is not valid with system graph"),
-    (('maps:=/nowhere',), '/nowhere/orbital.json: No such file')])
+    (('maps:=/nowhere',), '/nowhere/orbital.json: cannot be read: no such file')])
 def test_what_the_graph_cannot_use_is_one_line(parameters: tuple[str, ...], word: str) -> None:
     ended = subprocess.run(
         [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', 'slam_node', '--ros-args',

@@ -108,7 +108,7 @@ def test_the_graph_is_given_a_map_from_orbit(tmp_path) -> None:
     assert (slam.near_x_m, slam.near_y_m, slam.doubt_m) == (8.0, -2.0, 20.0)
     with pytest.raises(ConfigError, match='--orbital: is for --slam graph, and the program is ls'):
         with_slam(scenario, 'ls', tmp_path / 'map')
-    with pytest.raises(WorldError, match='No such file'):
+    with pytest.raises(WorldError, match='no such file'):
         with_slam(scenario, 'graph', tmp_path / 'none')
     assert not with_slam(scenario, 'graph').slam_node.maps
 

@@ -69,7 +69,7 @@ def test_given_maps_are_read_once(world: str, made: list[OrbitalMap], tmp_path: 
 
 
 def test_maps_that_are_none_are_refused_at_once(tmp_path: Path) -> None:
-    for text, said in ((None, 'No such file'), ('{"format": 1}', "'errors' is missing"),
+    for text, said in ((None, 'no such file'), ('{"format": 1}', "'errors' is missing"),
                        ('{', 'is no JSON')):
         if text is not None:
             (tmp_path / 'orbital.json').write_text(text)

@@ -90,7 +90,7 @@ def test_what_cannot_be_used_is_one_line(tmp_path):
             (['--orbital', str(tmp_path / 'map'), '--system', 'graph'],
              '--orbital: needs --near'),
             (['--orbital', str(tmp_path / 'none'), '--near', '0,0', '--system', 'graph'],
-             'No such file')):
+             'no such file')):
         with pytest.raises(LunarRoverSimError, match=said):
             execute(['slam', 'run', str(tmp_path), '-o', str(tmp_path / 'out'), *words])
 
