@@ -19,7 +19,7 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.series import read_odometry
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.base.files.paths import BAG_FOLDER
-from lunar_rover_sim.base.frames import Array
+from lunar_rover_sim.base.frames import Array, distance_along
 from lunar_rover_sim.judge.slam.seal import read_seal, RECORDINGS, Seal
 
 _STEP_M = 0.05      # between the points that are looked at
@@ -40,7 +40,7 @@ def way_of(positions_m: Array) -> Array:
         SlamError: If it has not moved.
     """
     points = np.asarray(positions_m, float)[:, :2]
-    driven = np.r_[0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T))]
+    driven = distance_along(points)
     if not driven[-1] > _JOINED_M:
         raise SlamError(f'way: the rover has moved by {driven[-1]:.2f} m only')
     points = points[np.searchsorted(driven, np.arange(0.0, driven[-1], _STEP_M))]
