@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
+import json
 import math
 from pathlib import Path
 
 import numpy as np
 
 from lunar_rover_sim.base.errors import SlamError
+from lunar_rover_sim.base.files.paths import find_file
 from lunar_rover_sim.base.files.results import markdown_table
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.ground.world.orbital_making import orbital_map
@@ -30,7 +32,7 @@ from lunar_rover_sim.judge.slam.graph.anchor import Anchor, Doubt
 from lunar_rover_sim.judge.slam.table import differences, is_success, tipped_over
 from lunar_rover_sim.judge.slam.ways import ALONG, settings_of
 from lunar_rover_sim.run.plan import navigated_duration_s
-from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.run.scenario import read_sections, Scenario
 
 SCENARIO, DARK = 'expedition', 'dark'
 DOUBT_M, FIX_M = 50.0, 60.0         # of the start; a first fix within this way is early
@@ -38,10 +40,7 @@ _BASE = 'reference'                 # with which the other systems are compared
 _TOWARDS = 0.8, 0.6                 # of the goal
 _BEYOND_M = 20.0                    # of a map around way and doubt
 _ASIDE_M = 5.0                      # of the goal, in which the way of a drive to it ends
-# Neither sun nor its sensor: the lamp, as in the scenario permanent_shadow.
-_BY_LAMP = ('render_node.sun.irradiance=0', 'render_node.lamp.power_w=20',
-            'render_node.lamp.position_m=[0.15, 0.08, 0.08]', 'render_node.lamp.cone_deg=60',
-            'render_node.sensor.auto_max_s=0.05')
+_BY_LAMP = 'permanent_shadow'       # its camera and its light are those in the dark
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,8 +66,11 @@ class Condition:
     def settings(self, more: Sequence[str] = ()) -> tuple[str, ...]:
         """Return the settings of the scenario; `more` come after them."""
         x, y = (self.distance_m * part for part in _TOWARDS)
-        light = _BY_LAMP if self.sun == DARK else (
-            f'render_node.sun.elevation_deg={float(self.sun):g}',)
+        if self.sun == DARK:
+            render = read_sections(find_file('scenario', _BY_LAMP))['render_node']
+            light = [f'render_node.{name}={json.dumps(value)}' for name, value in render.items()]
+        else:
+            light = [f'render_node.sun.elevation_deg={float(self.sun):g}']
         return (f'navigator_node.goal_x_m={x:g}', f'navigator_node.goal_y_m={y:g}',
                 f'render_node.frame_rate_hz={self.rate_hz:g}',
                 f'recorder_node.topics=[{",".join(topic.name for topic in AIDED)}]',

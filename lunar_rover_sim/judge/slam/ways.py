@@ -26,9 +26,11 @@ _STEP_M = 0.05      # between the points that are looked at
 _JOINED_M = 0.1     # places as near as this are joined, so that what led back is left out
 _OFF_M = 0.03       # of the straight pieces from the points
 
-# Settings of a scenario with which drive_node follows a way, and the run ends at its end.
+# Settings of a scenario with which drive_node follows a way, and the run ends at its end. It goes
+# through craters whose rims a navigator backs off from: it stops only where it lies on its side.
 ALONG = ('run.nodes=[physics_node, gait_controller_node, render_node, recorder_node, drive_node]',
-         'drive_node.mode=waypoints', 'drive_node.end_after_s=1', 'drive_node.stuck_time_s=60')
+         'drive_node.mode=waypoints', 'drive_node.end_after_s=1', 'drive_node.stuck_time_s=60',
+         'drive_node.tilt_limit_deg=80')
 
 
 def way_of(positions_m: Array) -> Array:

@@ -72,6 +72,26 @@ def test_loops_lower_the_error_at_the_end_and_the_covariance_says_so(steps):
 
 
 @needs_gtsam
+def test_a_lamp_that_goes_along_does_not_hide_the_motion(steps):
+    """It lights the middle of each image from below; the near ground is white, the far one black.
+    """
+    u, v = np.meshgrid(np.linspace(-1.0, 1.0, closed_way.WIDTH),
+                       np.linspace(-1.0, 1.0, closed_way.HEIGHT))
+    light = 0.05 + 3.0 * np.exp(-(u**2 + (v - 1.0)**2) / 0.6)
+
+    def by_lamp(k, step):
+        noise = np.random.default_rng(k).standard_normal((2, *light.shape))
+        left, right = (np.clip(light * image + n, 0, 255).astype(np.uint8)
+                       for image, n in zip((step.left, step.right), noise))
+        return dataclasses.replace(plain(k, step), left=left, right=right)
+
+    graph, _ = driven(steps[:45], change=by_lamp)
+    assert graph.counts.unseen == 0
+    assert evaluate(closed_way.truth(steps[:45]), graph.trajectory(),
+                    align='origin').errors_m[-1] < 0.02
+
+
+@needs_gtsam
 def test_the_stars_tell_what_the_accelerometers_are_off(steps):
     """A bias grows for 40 s, under stars; then the rover sees nothing, and gravity holds it."""
     def change(k, step):

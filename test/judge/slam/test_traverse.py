@@ -12,6 +12,7 @@ from lunar_rover_sim.judge.slam import benchmark, traverse
 from lunar_rover_sim.judge.slam.drives import Drive, Judged
 from lunar_rover_sim.judge.slam.graph import pose_graph
 from lunar_rover_sim.judge.slam.run_on_bag import SlamResult
+from lunar_rover_sim.run.scenario import Scenario
 
 SYSTEMS = ('wheels', 'reference', 'graph', 'anchored')
 
@@ -66,7 +67,9 @@ def test_conditions_are_settings_of_the_scenario():
     near, dark = traverse.conditions([300.0], [0.5], ['3', 'dark'])
     assert (near.name, dark.name) == ('300m_0.5hz_3deg', '300m_0.5hz_dark')
     scenario = Drive(traverse.SCENARIO, 7, 10.0, overrides=dark.settings()).load_scenario()
-    assert scenario.render_node.sun.irradiance == 0.0 < scenario.render_node.lamp.power_w
+    render, lit = scenario.render_node, Scenario.load('permanent_shadow').render_node
+    assert (render.lamp, render.sensor, render.sun.irradiance) == (lit.lamp, lit.sensor, 0.0)
+    assert render.sensor.exposure_mode == 'auto'    # one exposure does not suit what moves along
     assert scenario.navigator_node.goals == ((240.0, 180.0),)
     assert {t.name for t in benchmark.AIDED} == set(scenario.recorder_node.topics)
 

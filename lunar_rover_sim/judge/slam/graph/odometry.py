@@ -26,7 +26,7 @@ from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor
 from lunar_rover_sim.judge.slam.graph.attitude import Attitude, EXACT
 from lunar_rover_sim.judge.slam.graph.measured import Aids, Wheels
-from lunar_rover_sim.judge.slam.graph.places import Keyframe, keyframe, Places
+from lunar_rover_sim.judge.slam.graph.places import evenly_lit, Keyframe, keyframe, Places
 from lunar_rover_sim.judge.slam.graph.pose_graph import (adjoint, composed, difference, fused,
                                                          gate, PoseGraph, rolled)
 from lunar_rover_sim.judge.slam.graph.two_pairs import matched_motion, Motion, tracked_motion
@@ -169,6 +169,7 @@ class GraphOdometry:
         if self._frames and stamp_ns <= self._frame_ns:
             raise SlamError(f'stamp: {stamp_ns} ns does not follow {self._frame_ns} ns; stamps '
                             'must increase')
+        left, right = (image if image is None else evenly_lit(image) for image in (left, right))
         self._attitude.take(aids)
         self.counts.frames += 1
         if self._key < 0:

@@ -30,6 +30,9 @@ _PATCH_M = 0.12
 _PATCH_PX = 6.0             # width of the patch of SIFT over the size of its keypoint
 _SIZES_PX = 2.0, 24.0       # of a keypoint
 _SIZE_OF_OCTAVE_PX = 4.0    # of a keypoint of the first octave
+_EVEN = 16              # the width of an image over the one within which light is made even
+_GREY, _CONTRAST = 128.0, 40.0  # mean and standard deviation there [levels]
+_NOISE = 4.0            # contrast below which there is more noise than ground [levels]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,6 +53,20 @@ class Keyframe:
 
     def __len__(self) -> int:
         return len(self.px)
+
+
+def evenly_lit(image: Image) -> Image:
+    """Return an image with the same mean and contrast everywhere (Wallis, 1976).
+
+    A lamp goes along with the camera, so the ground that it lights changes its brightness; and
+    what is far from it has hardly any contrast.
+    """
+    side = image.shape[1] // _EVEN | 1
+    values = image.astype(np.float32)
+    mean, square = (cv2.boxFilter(v, -1, (side, side)) for v in (values, values * values))
+    contrast = np.sqrt(np.maximum(square - mean * mean, 0.0))
+    return np.asarray(cv2.convertScaleAbs(
+        _GREY + _CONTRAST * (values - mean) / (contrast + _NOISE)), np.uint8)
 
 
 def keyframe(camera: Camera, left: Image, right: Image) -> Keyframe:
