@@ -109,7 +109,7 @@ class LockstepListener:
         missing = [topic for topic in self._without_publisher
                    if topic != topics.RECORDED.name] or self._without_publisher
         if missing:
-            self._check(_start_limit_s(self._wait.start_s), 0, dict.fromkeys(missing, 0),
+            self._check(self._limit_s(self._wait.start_s), 0, dict.fromkeys(missing, 0),
                         PUBLISHERS, is_late=False)
 
     def note_progress(self) -> None:
@@ -130,13 +130,17 @@ class LockstepListener:
                       for topic in missing)
         if self.gate.is_starting(now_ns) and not self._relays.isdisjoint(missing):
             started = False
-        if not started:
-            limit_s = _start_limit_s(self._wait.start_s)
-        elif is_supervised():   # the run sees who works or compiles, and ends in time
-            limit_s = math.inf
-        else:
-            limit_s = self._wait.silence_s
-        self._check(limit_s, now_ns, missing, ANSWERS, is_late=started)
+        self._check(self._limit_s(self._wait.silence_s if started else self._wait.start_s),
+                    now_ns, missing, ANSWERS, is_late=started)
+
+    def _limit_s(self, limit_s: float) -> float:
+        """Return how long it waits itself: in a run in lockstep the run decides.
+
+        The run sees who loads, works or has died, and ends in time.
+        """
+        if not is_supervised():
+            return limit_s
+        return math.inf if self._lockstep else limit_s * machine_slowness()
 
     def _check(self, limit_s: float, now_ns: int, missing: Mapping[str, int], awaits: str,
                is_late: bool) -> None:
@@ -278,7 +282,3 @@ class LockstepListener:
             f'; valid is at most {_MAX_AHEAD_NS / 1e9:g} s after the simulated time, '
             f'{now_ns / 1e9:.3f} s (does its publisher use /clock?)')
 
-
-def _start_limit_s(idle_s: float) -> float:
-    """Return how long others may take to start: in a run, longer on a busy machine."""
-    return idle_s * (machine_slowness() if is_supervised() else 1.0)

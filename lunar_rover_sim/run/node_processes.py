@@ -131,6 +131,10 @@ class NodeProcesses:
         """Return which nodes that the run needs have not said that they are ready; '' if none."""
         return ', '.join(f'{name} (log: {self.log(name)})' for name in self._loading())
 
+    def loading_cpu_s(self) -> float:
+        """Return the processor time of those nodes, as last measured [s]."""
+        return sum(self.cpu_s.get(name, 0.0) for name in self._loading())
+
     def _loading(self) -> list[str]:
         return [name for name in self._processes if name not in self._may_fail
                 and not any(s.state == node_state.READY for s in self._told(name))]

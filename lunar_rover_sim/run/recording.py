@@ -35,6 +35,9 @@ _POLL_S = 0.1
 # physics_node names the participant that it waits for before the supervisor names physics_node. It
 # begins to wait once it has started itself, which takes seconds.
 _SILENCE_MARGIN_S, _START_MARGIN_S = 1.0, 30.0
+# A node that loads makes progress by so much processor time, however long it waits for a core. One
+# that hangs wakes up now and then, and uses less within any limit of a start.
+_LOADED_S = 1.0
 # Limit where time stands still and no node works: they wait for each other. A node that draws
 # for a minute, or that gets a tenth of a core, works.
 _IDLE_S = 6.5
@@ -48,8 +51,9 @@ class Limits:
 
     Attributes:
         silence_s: During the run; None where time may stand still (paused, real time).
-        start_s: In its first simulated second, where time waits for the slowest node to start.
-            Both on an idle machine, times `machine_slowness` on a busy one.
+        start_s: In its first simulated second, where time waits for the slowest node to start,
+            and no node that still loads makes progress. Both on an idle machine, times
+            `machine_slowness` on a busy one.
         idle_s: During the run, where no node works or one is suspended.
         others: Whether programs take part that the run has not started, whose work cannot be seen.
         end_ns: Simulated time at which physics finishes [ns]; 0 for never.
@@ -105,7 +109,7 @@ def supervise(nodes: NodeProcesses, clock: ClockReader, limits: Limits,
         GraphError: When a node dies, time stands still, or the run takes too long.
     """
     start = last_progress = time.monotonic()
-    last_ns, suspended = 0, list[str]()
+    last_ns, suspended, loaded_s = 0, list[str](), 0.0
     looks = Looks()     # since time stands still
     while True:
         if nodes.has_finished():
@@ -120,8 +124,11 @@ def supervise(nodes: NodeProcesses, clock: ClockReader, limits: Limits,
         if new and limits.silence_s is not None:
             on_warning(f'{new[0]} is stopped (SIGSTOP): the run ends in {limits.idle_s:g} s '
                        'unless it goes on')
-        if now_ns != last_ns or now_suspended != suspended or nodes.compiling():
+        loading_s = nodes.loading_cpu_s()
+        if (now_ns != last_ns or now_suspended != suspended or nodes.compiling()
+                or abs(loading_s - loaded_s) >= _LOADED_S):
             last_ns, suspended, last_progress = now_ns, now_suspended, time.monotonic()
+            loaded_s = loading_s
             looks = Looks()
         else:
             looks.add(nodes.at_work())

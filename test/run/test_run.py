@@ -156,6 +156,15 @@ def test_an_awaited_topic_that_nobody_publishes_is_named(tmp_path: Path) -> None
     assert start_s is not None and start_s > scenario.physics_node.wait.start_s + 15.0
 
 
+def test_nodes_that_load_for_longer_than_the_limit_of_a_start_take_part(tmp_path: Path) -> None:
+    """Physics, which is there first, does not give them up: all import for longer than that."""
+    finished = simulate(tmp_path / 'run', '--duration', '0.5', '--set',
+                        'physics_node.wait.start_s=0.1')
+    assert finished.returncode == 0, finished.stderr
+    with open_bag(tmp_path / 'run/bag') as bag:
+        assert bag.counts['/stereo/left/image_raw'] > 0
+
+
 def test_physics_stopped_while_the_nodes_start(tmp_path: Path) -> None:
     """It is not given the time that a slow start is given."""
     folder = tmp_path / 'run'

@@ -35,9 +35,12 @@ class Clock:
 class Nodes:
     """Nodes that work until some wall time after the first look, and finish at another one."""
 
-    def __init__(self, work_s: float, finish_s: float = 1e9, compile_s: float = 0.0) -> None:
+    def __init__(self, work_s: float, finish_s: float = 1e9, compile_s: float = 0.0,
+                 loading: float = 0.0) -> None:
+        """Begin; `loading`: processor time of those that load, for each second."""
         self._start_s = time.monotonic()
         self._work_s, self._finish_s, self._compile_s = work_s, finish_s, compile_s
+        self._loading = loading
 
     def _elapsed_s(self) -> float:
         return time.monotonic() - self._start_s
@@ -53,6 +56,9 @@ class Nodes:
 
     def compiling(self) -> list[str]:
         return ['render_node'] if self._elapsed_s() < self._compile_s else []
+
+    def loading_cpu_s(self) -> float:
+        return self._loading * self._elapsed_s()
 
     def fatal_error(self) -> None:
         return None
@@ -83,6 +89,17 @@ def test_who_compiles_is_not_silent() -> None:
     assert watch(Nodes(work_s=0.0, finish_s=1.5, compile_s=1.3), limits)
     with pytest.raises(GraphError):
         watch(Nodes(work_s=0.0, finish_s=3.0, compile_s=1.3), limits)
+
+
+@pytest.mark.parametrize(('loading', 'starts'), [(4.0, True), (0.02, False), (0.0, False)])
+def test_who_loads_is_given_up_where_it_hangs_alone(monkeypatch: pytest.MonkeyPatch,
+                                                    loading: float, starts: bool) -> None:
+    """However long it takes on a machine that others use; one that hangs wakes up at times."""
+    monkeypatch.setattr(Clock, 'now_ns', lambda _: 0)
+    limits = Limits(silence_s=1.0, start_s=1.0, end_ns=0, idle_s=1.0)
+    nodes = Nodes(work_s=0.0, finish_s=4.0, loading=loading)
+    with contextlib.nullcontext() if starts else pytest.raises(GraphError):
+        assert watch(nodes, limits)
 
 
 def test_nodes_that_all_wait_end_the_run_soon() -> None:
