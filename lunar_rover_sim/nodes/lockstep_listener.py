@@ -281,4 +281,3 @@ class LockstepListener:
             f'stamp of {topic}', f'{topic}: stamp {stamp / 1e9:.3f} s refused',
             f'; valid is at most {_MAX_AHEAD_NS / 1e9:g} s after the simulated time, '
             f'{now_ns / 1e9:.3f} s (does its publisher use /clock?)')
-
