@@ -7,6 +7,9 @@ stays as level as the poses are over some seconds: else small errors of the fram
 What remains enters the cells by a Kalman filter each. A height that contradicts its cell is
 counted instead; several in a row replace it.
 
+Where a front hides ground the matcher finds nothing, and around that hole the depth of the front:
+it would fill ground that nobody sees. Such pixels are left out.
+
 What neighbouring frames have wrong in common does not average out. It is kept apart, as the doubt
 of a cell: a share of the errors of depth, and those of matches beside edges of depth, where the
 window of the matcher covers both sides.
@@ -46,6 +49,9 @@ _SHARED = 0.25              # of the variance of a depth: what the next frames h
 # Half the window of the matcher in pixels, at half and at full resolution; disparities that bend
 # by more over them are wrong by this share of the rest. Measured against true depth.
 _EDGE_PX, _BEND_PX, _EDGE_SHARE = (3, 6), 0.8, 0.7
+# A front is nearer by this disparity than ground within a reach along its row. In an image of
+# 640 px: that reach, and how far a front grows sideways and upwards, beside a hole of the matcher.
+_FRONT_PX, _REACH_PX, _GROWN_PX = 0.8, 32.0, (6.0, 4.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,11 +161,14 @@ class ElevationMap:
         assert self._corner is not None
         self._sums[:] = 0.0
         config = self.config
+        hole, scale = (~np.isfinite(depth_m)).astype(np.uint8), w / 640.0
         _scatter_depth(np.ascontiguousarray(depth_m),
-                       _without_edges(depth_m, int(config.hole_px * w / 640)), u, v, T,
-                       self._corner, config.cell_m, config.min_range_m, config.max_range_m,
-                       inverse, config.disparity_stddev_px, _RANGE_STDDEV_M,
-                       config.height_stddev_m, config.grazing, self._sums)
+                       _without_edges(depth_m, hole, int(config.hole_px * scale)),
+                       _grown(hole, *(int(px * scale) for px in _GROWN_PX)),
+                       int(_REACH_PX * scale), u, v, T, self._corner, config.cell_m,
+                       config.min_range_m, config.max_range_m, inverse,
+                       config.disparity_stddev_px, _RANGE_STDDEV_M, config.height_stddev_m,
+                       config.grazing, self._sums)
         self._take_in(stamp_ns, depth_m.size, np.asarray(position_m, float))
         return anew
 
@@ -266,13 +275,14 @@ class ElevationMap:
         mean[seen] -= (1.0 - share) * (design @ fitted)
 
 
-def _without_edges(depth_m: F32, margin_px: int) -> F32:
-    """Return a depth image without the pixels that near to one without depth."""
-    if margin_px == 0:
-        return np.ascontiguousarray(depth_m)
-    side = 2 * margin_px + 1
-    beside = cv2.dilate((~np.isfinite(depth_m)).astype(np.uint8), np.ones((side, side), np.uint8))
-    return np.where(beside, np.float32(np.nan), depth_m)
+def _without_edges(depth_m: F32, hole: NDArray[np.uint8], margin_px: int) -> F32:
+    """Return a depth image without the pixels that near to a hole in it."""
+    return np.where(_grown(hole, margin_px, margin_px), np.float32(np.nan), depth_m)
+
+
+def _grown(image: NDArray, sideways: int, upwards: int) -> NDArray:
+    """Return the largest value around each pixel, up to so many pixels away."""
+    return np.asarray(cv2.dilate(image, np.ones((2 * upwards + 1, 2 * sideways + 1))))
 
 
 def _checked_pose(name: str, pose: ArrayLike) -> Array:
@@ -340,8 +350,22 @@ def _bend(depth: F32, row: int, column: int, apart: int) -> float:
 
 
 @compiled
-def _scatter_depth(whole: F32, depth: F32, u: Array, v: Array, T: Array, corner: NDArray[np.int64],
-                   cell_m: float, near_m: float, far_m: float, inverse_px: float, noise_px: float,
+def _is_front(depth: F32, row: int, column: int, reach: int, bend: float) -> bool:
+    """Return whether a pixel is nearer than one of its row, in 1 / depth, by more than a bend."""
+    inverse = 1.0 / depth[row, column] - bend
+    if inverse <= 0.0:
+        return False
+    farther = 1.0 / inverse
+    for c in range(max(column - reach, 0), min(column + reach + 1, depth.shape[1]), 2):
+        if farther < depth[row, c] < math.inf:
+            return True
+    return False
+
+
+@compiled
+def _scatter_depth(whole: F32, depth: F32, by_hole: NDArray[np.uint8], reach: int,
+                   u: Array, v: Array, T: Array, corner: NDArray[np.int64], cell_m: float,
+                   near_m: float, far_m: float, inverse_px: float, noise_px: float,
                    range_m: float, floor_m: float, grazing: float, sums: Array) -> None:
     noise = noise_px * inverse_px
     n = sums.shape[1]
@@ -374,6 +398,9 @@ def _scatter_depth(whole: F32, depth: F32, u: Array, v: Array, T: Array, corner:
                 sight = dz / level      # its slope, negative
                 if sight < 0.0 and way > 0.0 and far_h - near_h < grazing * sight * way:
                     continue
+            if noise > 0.0 and by_hole[r, c] \
+                    and _is_front(whole, r, c, reach, _FRONT_PX * inverse_px):
+                continue
             height = T[2, 3] + z * dz
             along = z * z * noise + range_m
             # Along the ray, and across it on ground that is not level (slopes of 0.1).

@@ -20,9 +20,9 @@ def camera(x=0.0, y=0.0, z=0.28, pitch_deg=10.0, roll_deg=0.0, yaw_deg=0.0):
     return se3(R @ R_BODY_OPTICAL, (x, y, z))
 
 
-def seen(T, height=lambda x, y: 0.0 * x):
+def seen(T, height=lambda x, y: 0.0 * x, fine=1):
     """Return the depth of a surface that is nearly level, by a few rounds of intersection."""
-    v, u = np.mgrid[0:120, 0:160]
+    v, u = np.mgrid[0:120 * fine, 0:160 * fine] / fine
     rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], -1)
     rays = rays @ T[:3, :3].T
     depth = np.full(u.shape, np.nan)
@@ -180,6 +180,38 @@ def test_depth_beside_a_hole_of_the_matcher_is_not_used(hole_px, clean):
     height = mapped.elevation().height_m
     assert np.count_nonzero(np.isfinite(height)) > 500
     assert (np.nanmax(np.abs(height)) < 3e-3) == clean
+
+
+@pytest.mark.parametrize('baseline_m, clean', [(BASELINE_M, True), (0.0, False)])
+def test_ground_behind_a_front_is_not_known_by_depth_that_bleeds_over_its_edge(baseline_m, clean):
+    """Between the front and the hole that the matcher leaves beside it, depth slides to far.
+
+    Depth that was not matched does not bleed: there it is what it is.
+    """
+    T, K2 = camera(), K * [[2.0], [2.0], [1.0]]
+    ground = seen(T, fine=2)
+    depth, hidden = ground.copy(), ground > 1.2
+    edge = 120
+    depth[:, edge:][hidden[:, edge:]] = 1.2
+    for off in (1, 2, 3):
+        behind = hidden[:, edge - off]
+        share = off / 4.0
+        depth[behind, edge - off] = 1.0 / (
+            (1.0 - share) / 1.2 + share / ground[behind, edge - off])
+    depth[:, edge - 14:edge - 3][hidden[:, edge - 14:edge - 3]] = np.nan
+    mapped = ElevationMap(TRUSTED)
+    for k in range(3):
+        mapped.add_depth(k * 10**8, depth, K2, baseline_m, T, T[:3, 3])
+    found = mapped.elevation()
+    x, y = np.meshgrid(*found.centres_m)
+    column = K2[0, 2] - K2[0, 0] * y / np.hypot(x, 0.28)
+    hidden = (x > 1.35) & (column > edge - 10)
+    assert (found.height_m[hidden & np.isfinite(found.height_m)] > 0.02).any() != clean
+    assert not np.isfinite(found.height_m[hidden & (column > edge + 5)]).any()
+    # Beside it the ground stays known, as far as before.
+    beside = (x > 1.35) & (x < 1.8) & (column < edge - 24) & (column > 10)
+    assert np.isfinite(found.height_m[beside]).mean() > 0.9
+    assert np.nanmax(np.abs(found.height_m[beside])) < 3e-3
 
 
 def test_points_of_a_lidar_give_the_same_map():
