@@ -42,6 +42,8 @@ _FACING_RAD = math.radians(12.0)
 _LOOK_FOR_S = 30.0          # of turning towards what is unknown, at most
 _REMEMBERED_NS = 180 * NS_PER_S
 _BUMP_AHEAD_M, _BUMP_RADIUS_M = 0.28, 0.10
+_EDGE_RADIUS_M = 0.4        # of ground beyond an edge over which it leans: a small crater
+_BEHIND = -math.sin(math.radians(15.0))     # ahead of it or aside is what is less behind it
 _SHADOW_BEYOND_M, _SHADOW_RADIUS_M = 0.3, 0.6   # of what it has looked at
 _LEAST_BACK_M = 0.05        # less is not worth backing off
 _TRAIL_M = 0.1              # from place to place of the trail, which is known ground
@@ -318,7 +320,8 @@ class Navigator:
         if reached is not None:
             return reached
         if self._rearing.lasts(stamp_ns) and self._back is None:
-            return self._recover(Failure.TILT, f'tilted by {tilt:.0f} deg', position)
+            return self._recover(Failure.TILT, f'tilted by {tilt:.0f} deg', position,
+                                 self._edge(position, heading, rotation[:2, 2]))
         reared = self._let_down()
         if reared is not None:
             return reared
@@ -327,7 +330,8 @@ class Navigator:
         if self._is_stuck():
             return self._recover(
                 Failure.STUCK, f'moved less than {_STUCK_M:g} m in '
-                f'{self._config.stuck_time_s:g} s', position)
+                f'{self._config.stuck_time_s:g} s', position,
+                self._edge(position, heading, rotation[:2, 2]))
         late = self._patience(position)
         if late is not None:
             return late
@@ -577,16 +581,51 @@ class Navigator:
         return None if velocity is None else NavigatorCommand(
             *velocity, Status.LETTING_DOWN, 'the body has reared up')
 
-    def _recover(self, why: Failure, text: str, position: Array) -> NavigatorCommand:
+    def _edge(self, position: Array, heading: float, lean: Array) -> Disc | None:
+        """Return the ground beyond an edge over which it leans, as over the rim of a crater.
+
+        None where it does not lean ahead or sideways, or a goal lies there: it has to go there.
+
+        Args:
+            lean: (2,) level part of the axis that points up from the body.
+        """
+        size = float(np.linalg.norm(lean))
+        ahead = lean[0] * math.cos(heading) + lean[1] * math.sin(heading)
+        if size < 0.5 * math.sin(math.radians(self._config.tilt_limit_deg)) \
+                or ahead < _BEHIND * size:
+            return None
+        x, y = position[:2] + _EDGE_RADIUS_M * lean / size
+        if min(math.dist(goal, (x, y)) for goal in self._goals) < _EDGE_RADIUS_M + self._room_m:
+            return None
+        return Disc(float(x), float(y), _EDGE_RADIUS_M, Ground.BUMP,
+                    self._now_ns + _REMEMBERED_NS)
+
+    @property
+    def _room_m(self) -> float:
+        return self._radius_m + self._config.plan.margin_m
+
+    def _recover(self, why: Failure, text: str, position: Array,
+                 edge: Disc | None = None) -> NavigatorCommand:
+        """Back off, and remember what is there.
+
+        Args:
+            edge: Ground of which it gets clear with all of its legs.
+        """
         self._recoveries += 1
         if self._recoveries > self._config.recoveries:
             return self._go_another_way(
                 why, f'{text}, and backed off {self._config.recoveries} times', position)
         self.backed_off += 1
-        heading = self._heading
+        heading, wanted = self._heading, self._config.back_off_m
+        if edge is not None:
+            # It stands at the edge: straight back to where its circle and that ground just touch.
+            off = edge.x_m - position[0], edge.y_m - position[1]
+            ahead = off[0] * math.cos(heading) + off[1] * math.sin(heading)
+            apart = edge.radius_m + self._room_m
+            wanted = max(wanted, math.sqrt(ahead ** 2 + apart ** 2 - edge.radius_m ** 2) - ahead)
         way = 0.0 if self._planner is None else self._planner.clear_back_m(
-            position, heading, self._config.back_off_m)
-        place = self._trail_back(position) if way < 0.5 * self._config.back_off_m else None
+            position, heading, wanted)
+        place = self._trail_back(position, wanted, edge) if way < 0.5 * wanted else None
         bumps: tuple[float, ...] = _BUMP_AHEAD_M, _BUMP_AHEAD_M + _BUMP_RADIUS_M
         if place is not None:
             way, bumps = math.dist(place, position[:2]), (0.0,)
@@ -596,6 +635,8 @@ class Navigator:
             self._discs.append(Disc(float(position[0]) + ahead * math.cos(heading),
                                     float(position[1]) + ahead * math.sin(heading),
                                     _BUMP_RADIUS_M, Ground.BUMP, self._now_ns + _REMEMBERED_NS))
+        if edge is not None:
+            self._discs.append(edge)
         self._look = None
         self._rearing.end(self._now_ns)
         if way < _LEAST_BACK_M:
@@ -603,14 +644,17 @@ class Navigator:
         self._back = self._now_ns, position.copy(), way, text, place
         return self._go_back(position)
 
-    def _trail_back(self, position: Array) -> Array | None:
+    def _trail_back(self, position: Array, least_m: float, edge: Disc | None) -> Array | None:
         """Return the place of its trail to which it backs off, and forget the trail from there on.
 
         It has been there: that ground carries it, whatever the map says. Of the places far enough
         off it is the last one with room around it, else the last one.
         """
         places = np.array([(disc.x_m, disc.y_m) for disc in self._trail]).reshape(-1, 2)
-        far = np.linalg.norm(places - position[:2], axis=1) >= self._config.back_off_m
+        far = np.linalg.norm(places - position[:2], axis=1) >= least_m
+        if edge is not None:
+            far &= np.linalg.norm(places - (edge.x_m, edge.y_m), axis=1) \
+                >= edge.radius_m + self._room_m
         if not far.any():
             return None
         roomy = far & (self._planner is not None and self._planner.has_room(places))

@@ -28,7 +28,7 @@ class Rover:
 
     def __init__(self, navigator, cost, x=-2.0, y=0.0):
         self.navigator, self.cost = navigator, cost
-        self.x, self.y, self.yaw, self.pitch = x, y, 0.0, 0.0
+        self.x, self.y, self.yaw, self.pitch, self.roll = x, y, 0.0, 0.0, 0.0
         self.now_ns, self.held, self.commands, self.way_m = 0, False, [], 0.0
 
     def step(self, **changes):
@@ -37,7 +37,7 @@ class Rover:
         said = {'pose_ns': self.now_ns, 'grid': self.seen, **changes}
         command = self.navigator.update(
             self.now_ns, said['pose_ns'], (self.x, self.y, 0.1),
-            wxyz_from_rpy(0.0, self.pitch, self.yaw), said['grid'])
+            wxyz_from_rpy(self.roll, self.pitch, self.yaw), said['grid'])
         dt = PERIOD_NS * 1e-9
         if not self.held:
             self.yaw += dt * command.yaw_rate_radps
@@ -274,6 +274,27 @@ def test_it_does_not_back_off_down_a_slope_on_which_it_has_turned():
         deepest = max(deepest, rover.x)
     assert rover.navigator.backed_off
     assert deepest < edge + 0.2 and rover.x < edge - 0.1
+
+
+@pytest.mark.parametrize('aside_m', [0.0, 0.2, -0.3])
+def test_it_keeps_clear_of_the_rim_of_a_crater_that_it_does_not_see(aside_m):
+    """It backed off by 0.3 m, turned on an arc that led ahead, and slid in again, to 47 deg."""
+    crater, radius, slip = np.array([0.0, aside_m]), 0.4, 0.06
+    rover, apart = made(ground(), lookahead_m=0.4), []
+    while not rover.commands or not rover.commands[-1].status.is_end:
+        off = crater - (rover.x, rover.y)
+        apart.append(np.linalg.norm(off) - radius - RADIUS_M)
+        # Its legs slide in at the edge, and the ground falls more and more.
+        tilt = np.radians(14.0 + 400.0 * (-apart[-1] - slip)) if apart[-1] < -slip else 0.2
+        towards = np.arctan2(off[1], off[0]) - rover.yaw
+        rover.pitch, rover.roll = tilt * np.cos(towards), -tilt * np.sin(towards)
+        rover.step()
+    assert rover.commands[-1].status == Status.ARRIVED
+    assert rover.navigator.backed_off
+    first = next(k for k, c in enumerate(rover.commands) if c.status == Status.BACKING)
+    clear = first + next(k for k, far in enumerate(apart[first:]) if far > 0.0)
+    assert min(apart[clear:]) > -slip
+    assert rover.navigator.backed_off == 1
 
 
 def test_a_body_that_rocks_is_let_alone():
