@@ -3,11 +3,13 @@
     python test/benchmarks/bench_render.py [--width 640 --height 480] [--pairs 20] [--area]
     python test/benchmarks/bench_render.py --against CLONE [--rounds 5] [--scenario baseline]
         [--set render_node.sun.elevation_deg=2]
+    python test/benchmarks/bench_render.py --with render_node.sensor.encoding=rgb8 [--with ...]
 
 Prints a table; asserts nothing. With --against, it prints what the passes of a pair of a scenario
 take on a walk, the driver waiting for each, and the ratio to another checkout: both draw the same
-states, as high above their own ground, frame by frame in turn. CPU time counts all threads: on a
-machine that is busy with other things it tells more than the wall clock.
+states, as high above their own ground, frame by frame in turn. With --with, the ratio is that of a
+pair with this parameter to one without. CPU time counts all threads: on a machine that is busy
+with other things it tells more than the wall clock.
 """
 
 from __future__ import annotations
@@ -132,8 +134,8 @@ def timed(renderer, spent):
         yield
 
 
-def compare(scenario, settings, clones, rounds):
-    """Print what passes take in this checkout, and a pair's CPU over that of another one."""
+def print_passes(scenario, settings):
+    """Print what passes of a pair take in this checkout."""
     loaded = Scenario.load(scenario, settings)
     states = walk(loaded)
     with loaded.renderer() as renderer:
@@ -149,6 +151,12 @@ def compare(scenario, settings, clones, rounds):
               'pass by pass')
     for name, seconds in spent.most_common():
         print(f'{name:28s} {1e3 * seconds / len(states):6.1f} ms CPU')
+
+
+def print_ratios(scenario, kinds, rounds):
+    """Print a pair's CPU of kinds (name, checkout, settings) over that of the first of them."""
+    loaded = Scenario.load(scenario, kinds[0][2])
+    states = walk(loaded)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, 'states.npz')
         place = np.array([state.T_world_base[:3, 3] for state in states])
@@ -156,7 +164,7 @@ def compare(scenario, settings, clones, rounds):
                  **{field.name: [getattr(state, field.name) for state in states]
                     for field in dataclasses.fields(RoverPose)})
         workers = []
-        for clone in clones:
+        for name, clone, settings in kinds:
             workers.append(subprocess.Popen(
                 [sys.executable, Path(__file__).with_name('render_worker.py'), scenario,
                  *settings], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
@@ -164,22 +172,23 @@ def compare(scenario, settings, clones, rounds):
             workers[-1].stdin.write(f'{path}\n')
             workers[-1].stdin.flush()
             if workers[-1].stdout.readline().strip() != 'ready':
-                raise SystemExit(f'{clone} draws nothing')
-        ms = np.zeros((len(clones), rounds, len(states)))
+                raise SystemExit(f'{name} draws nothing')
+        ms = np.zeros((len(kinds), rounds, len(states)))
         for r in range(rounds):
             for k in range(len(states)):
-                for i in sorted(range(len(clones)), reverse=bool((r + k) % 2)):
+                for i in sorted(range(len(kinds)), reverse=bool((r + k) % 2)):
                     workers[i].stdin.write(f'{k}\n')
                     workers[i].stdin.flush()
                     ms[i, r, k] = float(workers[i].stdout.readline())
         for worker in workers:
             worker.stdin.close()
             worker.wait()
-    for clone, times in zip(clones, ms):
-        print(f'{clone.name:28s} {np.median(times):6.1f} ms CPU a pair')
-    ratios = np.median(ms[1] / ms[0], axis=1)
-    print(f'ratio {np.median(ms[1] / ms[0]):.3f}, of rounds {ratios.min():.3f} to '
-          f'{ratios.max():.3f}; load {os.getloadavg()[0]:.0f}')
+    print(f'{scenario}, {rounds} x {len(states)} states, load {os.getloadavg()[0]:.0f}')
+    print('| | CPU of a pair [ms] | over the first | of rounds |\n|---|---|---|---|')
+    for (name, *_), times in zip(kinds, ms):
+        of_rounds = np.median(times / ms[0], axis=1)
+        print(f'| {name} | {np.median(times):.1f} | {np.median(times / ms[0]):.3f} | '
+              f'{of_rounds.min():.3f} to {of_rounds.max():.3f} |')
 
 
 def main():
@@ -196,11 +205,19 @@ def main():
     parser.add_argument('--rounds', type=int, default=5)
     parser.add_argument('--scenario', default='baseline')
     parser.add_argument('--set', action='append', default=[], help='a parameter of the scenario')
+    parser.add_argument('--with', action='append', default=[], dest='more', metavar='PARAMETER',
+                        help='compare a pair with this parameter, too, with one without')
     parser.add_argument('--json', type=Path, help='file of what a pair with depth takes')
     args = parser.parse_args()
+    here = Path(__file__).resolve().parents[2]
     if args.against is not None:
-        compare(args.scenario, args.set,
-                [args.against.resolve(), Path(__file__).resolve().parents[2]], args.rounds)
+        print_passes(args.scenario, args.set)
+        print_ratios(args.scenario, [(path.name, path, args.set)
+                                     for path in (args.against.resolve(), here)], args.rounds)
+        return
+    if args.more:
+        print_ratios(args.scenario, [('default', here, args.set), *(
+            (f'`{more}`', here, [*args.set, more]) for more in args.more)], args.rounds)
         return
     camera = CameraConfig(width=args.width, height=args.height)
     config = RenderConfig(camera=camera, sun=SunConfig(azimuth_deg=60.0, elevation_deg=6.0))
@@ -215,8 +232,7 @@ def main():
           f'{args.width} x {args.height}, {len(world.rocks)} rocks, setup {setup:.1f} s')
     row('pair and depth', wall, cpu)
     if args.json:
-        args.json.write_text(json.dumps({'pairs_per_s': round(1e3 / wall, 1),
-                                         'cpu_ms': round(cpu, 1)}))
+        args.json.write_text(json.dumps({'cpu_ms': round(cpu, 1)}))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(f'peak memory {peak:.2f} GiB')
     row('  next pose not known', *ours(world, config, track, ahead=False)[:2])

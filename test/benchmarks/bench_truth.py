@@ -86,11 +86,13 @@ def main():
         worker.stdin.close()
         worker.wait()
     print(f'{args.scenario}, n = {args.rounds * POSES}, load {os.getloadavg()[0]:.0f}')
-    print('| clone | frame | CPU [ms] | over the pair | on average |\n|---|---|---|---|---|')
     for i, clone in enumerate(clones):
+        if len(clones) > 1:
+            print(f'## {clone.name}')
+        print('| frame | CPU [ms] | over the pair | on average |\n|---|---|---|---|')
         for kind, name in enumerate(KINDS):
             ratios = (ms[i, kind] / ms[i, 0]).ravel()
-            print(f'| {clone.name} | {name} | {np.median(ms[i, kind]):.1f} '
+            print(f'| {name} | {np.median(ms[i, kind]):.1f} '
                   f'| {Median.of(ratios).text(3)} | {0.5 + 0.5 * np.median(ratios):.3f} |')
     for kind, name in enumerate(KINDS):
         if len(clones) > 1:

@@ -43,12 +43,12 @@ def interpolated(mosaic: NDArray[Any]) -> NDArray[Any]:
                                     borderType=cv2.BORDER_REFLECT_101), 0, most).astype(
                                         mosaic.dtype)
     green, beside, over, diagonal = map(seen, (_GREEN, _BESIDE, _BESIDE.T.copy(), _DIAGONAL))
-    planes = cv2.merge([mosaic, mosaic, mosaic])
-    planes[::2, ::2, 1:] = cv2.merge([green, diagonal])[::2, ::2]
-    planes[::2, 1::2, ::2] = cv2.merge([beside, over])[::2, 1::2]
-    planes[1::2, ::2, ::2] = cv2.merge([over, beside])[1::2, ::2]
-    planes[1::2, 1::2, :2] = cv2.merge([diagonal, green])[1::2, 1::2]
-    return planes
+    red, blue = mosaic.copy(), mosaic.copy()
+    red[::2, 1::2], red[1::2, ::2] = beside[::2, 1::2], over[1::2, ::2]
+    blue[1::2, ::2], blue[::2, 1::2] = beside[1::2, ::2], over[::2, 1::2]
+    red[1::2, 1::2], blue[::2, ::2] = diagonal[1::2, 1::2], diagonal[::2, ::2]
+    green[::2, 1::2], green[1::2, ::2] = mosaic[::2, 1::2], mosaic[1::2, ::2]
+    return np.asarray(cv2.merge([red, green, blue]))
 
 
 def shown(pixels: NDArray[Any], encoding: str) -> NDArray[Any]:

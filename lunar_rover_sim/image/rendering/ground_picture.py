@@ -10,6 +10,7 @@ import dataclasses
 import math
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -157,10 +158,9 @@ def cover_depth(depth_m: NDArray[np.float32], ground_m: NDArray[np.float32],
 def tell(truth: dict[str, NDArray[Any]], depth_m: NDArray[np.float32],
          ground: GroundImage) -> None:
     """Add the truth of the ground to that of objects, in place, where the ground is seen."""
-    shows = depth_m > 0.0
+    shows = (depth_m > 0.0).view(np.uint8)
     for name, layer in truth.items():
-        np.copyto(layer, getattr(ground, name), where=shows if layer.ndim == 2
-                  else shows[..., None])
+        cv2.copyTo(getattr(ground, name), shows, layer)
 
 
 @compiled

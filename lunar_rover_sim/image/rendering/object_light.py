@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -225,8 +226,8 @@ def tell_objects(truth: dict[str, NDArray[Any]], surfaces: Surfaces, parts: F32,
         rocks: (m,) labels.
         face: (h, w, 3) true normals.
     """
-    shows = surfaces.depth_m < 0.0
+    shows = (surfaces.depth_m < 0.0).view(np.uint8)
     if 'label' in truth:
-        np.copyto(truth['label'], surfaces.labels(parts, rocks), where=shows)
+        cv2.copyTo(surfaces.labels(parts, rocks), shows, truth['label'])
     if 'normal' in truth and face is not None:
-        np.copyto(truth['normal'], face, where=shows[..., None])
+        cv2.copyTo(face, shows, truth['normal'])

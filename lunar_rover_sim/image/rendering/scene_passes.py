@@ -295,8 +295,9 @@ def _averaged(radiance: NDArray[np.float32], times: int) -> NDArray[np.float32]:
     """Return the means of the times x times samples of each pixel."""
     if times == 1:
         return radiance
-    h, w = radiance.shape
-    return radiance.reshape(h // times, times, w // times, times).mean(axis=(1, 3))
+    # A tenth of the time of `mean` over axes of so few.
+    rows = (sum(radiance[i::times, j::times] for j in range(times)) for i in range(times))
+    return np.asarray(sum(rows) / times**2, np.float32)
 
 
 def _averaged_tint(image: LitImage, times: int) -> NDArray[np.uint32] | None:
