@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 from pathlib import Path
 import signal
@@ -14,6 +14,7 @@ from lunar_rover_sim.base.errors import ConfigError, SlamError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import find_file
 from lunar_rover_sim.base.files.results import json_text
+from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.slam import paper_of, paper_option, system_options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
@@ -26,9 +27,10 @@ from lunar_rover_sim.judge.slam.estimators import ANCHORED, Estimator, stock_pro
 from lunar_rover_sim.judge.slam.seal import read_seal, scores, Seal
 from lunar_rover_sim.judge.slam.traverse import Condition, conditions, DARK, Named
 from lunar_rover_sim.judge.slam.traverse import run as run_condition
-from lunar_rover_sim.judge.slam.traverse import SCENARIO, table
-from lunar_rover_sim.judge.slam.ways import ways_of
+from lunar_rover_sim.judge.slam.traverse import SCENARIO, table, way_of
+from lunar_rover_sim.judge.slam.ways import sealed_ways
 from lunar_rover_sim.products.sequences.orbslam3_settings import SENSORS
+from lunar_rover_sim.run.scenario import Scenario
 
 
 @options.command()
@@ -106,8 +108,7 @@ def drives(output: Path, scenarios: Sequence[str], sensors: Sequence[str], seeds
 @options.several('--suns', default=('3', '6', '15', DARK), metavar='ELEVATION...',
                  help=f'elevations of the sun [deg], or {DARK}: by the lamp of the rover')
 @click.option('--along', default='', show_default=False, metavar='NAME_OR_PATH',
-              help='follow the ways of a seal, or of the recordings in the folder of a benchmark, '
-              'in place of those that the navigator finds')
+              help='follow the ways of a seal, not those that are planned here')
 @click.option('--executable', type=options.PATH, metavar='PATH', help='of ORB-SLAM3, which runs '
               'too then: its example programs, or a Python that has the wheel pyorbslam3')
 @click.option('--vocabulary', type=options.PATH, metavar='PATH', help='of ORB-SLAM3')
@@ -119,8 +120,8 @@ def traverse(output: Path, distances: Sequence[float], sites: Sequence[int], fir
              vocabulary: Path | None, overrides: list[str], retry: bool, workers: int) -> int:
     """Drive far over sites, and judge wheels, odometries and the anchored graph.
 
-    Writes traverse.md, its CSV and a folder a condition, for `slam seal`. The same call goes on.
-    All of it are 48 km.
+    Ways are planned over the true ground. Writes traverse.md, its CSV and a folder a condition,
+    for `slam seal`. The same call goes on. All of it are 48 km.
     """
     if len(sites) != len(distances):
         raise ConfigError(f'--sites: {len(sites)} numbers are not valid with {len(distances)} '
@@ -135,15 +136,16 @@ def traverse(output: Path, distances: Sequence[float], sites: Sequence[int], fir
         seeds[distance] = range(first_seed, first_seed + count)
         first_seed += count
     found = conditions(distances, rates, suns)
-    ways = None
-    if along:
-        ways = ways_of(Path(along) if Path(along).is_dir() else find_file('seal', along),
-                       [seed for several in seeds.values() for seed in several], SCENARIO)
-    todo = {condition: condition.cells(estimators, seeds[condition.distance_m], overrides, ways)
-            for condition in found}
-    for cells in todo.values():
-        scenario_of(cells[0].drive)
+    for one in found:       # an error in a setting is reported now
+        Scenario.load(SCENARIO, one.settings(overrides))
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if along:
+        ways = {distance: sealed_ways(find_file('seal', along), several, SCENARIO)
+                for distance, several in seeds.items()}
+    else:
+        ways = _planned(seeds, output / 'ways', overrides)
+    todo = {condition: condition.cells(estimators, ways[condition.distance_m], overrides)
+            for condition in found}
     judged: list[Named] = []
     with Progress('traverses', sum(map(len, todo.values()))) as progress:
         for condition, cells in todo.items():
@@ -165,6 +167,19 @@ def traverse(output: Path, distances: Sequence[float], sites: Sequence[int], fir
     print_markdown(text)
     say(output / 'traverse.md')
     return 0
+
+
+def _planned(seeds: Mapping[float, Sequence[int]], folder: Path,
+             overrides: Sequence[str]) -> dict[float, dict[int, Array]]:
+    """Return distance → seed → waypoints over the true ground."""
+    ways: dict[float, dict[int, Array]] = {}
+    with Progress('planning ways', sum(map(len, seeds.values()))) as progress:
+        for distance, several in seeds.items():
+            ways[distance] = {}
+            for seed in several:
+                progress(sum(map(len, ways.values())), note=f'site {seed}, {distance:g} m')
+                ways[distance][seed] = way_of(distance, seed, folder, overrides)
+    return ways
 
 
 def _seal(path: Path) -> Seal:

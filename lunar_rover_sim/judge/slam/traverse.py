@@ -1,9 +1,9 @@
 """The benchmark of traverses: far drives over sites, by distance, rate of images and sun.
 
 Each condition is a benchmark of its own (`benchmark.run`) in a folder of the study, so that each
-is resumed, joined and sealed as any other. Sites are seeds that nothing was tuned on. The anchored
-graph gets a map from orbit, with errors of its own for each site, and a place within DOUBT_M of
-the start.
+is resumed, joined and sealed as any other. Sites are seeds that nothing was tuned on, and ways
+over them are planned: no drive depends on what a camera saw. The anchored graph gets a map from
+orbit, with errors of its own for each site, and a place within DOUBT_M of the start.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from lunar_rover_sim.base.errors import SlamError
+from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import find_file
 from lunar_rover_sim.base.files.results import markdown_table
 from lunar_rover_sim.base.frames import Array
@@ -30,8 +31,7 @@ from lunar_rover_sim.judge.slam.drives import Drive, Judged
 from lunar_rover_sim.judge.slam.estimators import ANCHORED, Estimator
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor, Doubt
 from lunar_rover_sim.judge.slam.table import differences, is_success, tipped_over
-from lunar_rover_sim.judge.slam.ways import ALONG, settings_of
-from lunar_rover_sim.run.plan import navigated_duration_s
+from lunar_rover_sim.judge.slam.ways import ALONG, planned, settings_of
 from lunar_rover_sim.run.scenario import read_sections, Scenario
 
 SCENARIO, DARK = 'expedition', 'dark'
@@ -40,6 +40,7 @@ _BASE = 'reference'                 # with which the other systems are compared
 _TOWARDS = 0.8, 0.6                 # of the goal
 _BEYOND_M = 20.0                    # of a map around way and doubt
 _ASIDE_M = 5.0                      # of the goal, in which the way of a drive to it ends
+_START_S, _SLOWEST_S_PER_M = 60.0, 25.0     # after which a drive has ended, a metre of distance
 _BY_LAMP = 'permanent_shadow'       # its camera and its light are those in the dark
 
 
@@ -65,41 +66,34 @@ class Condition:
 
     def settings(self, more: Sequence[str] = ()) -> tuple[str, ...]:
         """Return the settings of the scenario; `more` come after them."""
-        x, y = (self.distance_m * part for part in _TOWARDS)
         if self.sun == DARK:
             render = read_sections(find_file('scenario', _BY_LAMP))['render_node']
             light = [f'render_node.{name}={json.dumps(value)}' for name, value in render.items()]
         else:
             light = [f'render_node.sun.elevation_deg={float(self.sun):g}']
-        return (f'navigator_node.goal_x_m={x:g}', f'navigator_node.goal_y_m={y:g}',
-                f'render_node.frame_rate_hz={self.rate_hz:g}',
+        return (f'render_node.frame_rate_hz={self.rate_hz:g}',
                 f'recorder_node.topics=[{",".join(topic.name for topic in AIDED)}]',
                 *light, *more)
 
-    def cells(self, estimators: Sequence[Estimator], seeds: Sequence[int],
-              more: Sequence[str] = (),
-              ways: Mapping[int, Array] | None = None) -> list[Cell]:
+    def cells(self, estimators: Sequence[Estimator], ways: Mapping[int, Array],
+              more: Sequence[str] = ()) -> list[Cell]:
         """Return the cells of its benchmark.
 
         Args:
-            ways: Seed → (n, 2) waypoints that are followed; None: the navigator finds a way.
+            ways: Seed → (n, 2) waypoints.
 
         Raises:
             ConfigError: If a setting is not valid.
             SlamError: If a way does not end near the goal.
         """
-        settings = self.settings(more)
-        limit_s = navigated_duration_s(Scenario.load(SCENARIO, settings))
-        if ways is None:
-            return benchmark.plan([SCENARIO], estimators, seeds, limit_s, overrides=settings)
-        goal = [self.distance_m * part for part in _TOWARDS]
-        for seed in seeds:
-            if (off_m := math.dist(goal, ways[seed][-1])) > _ASIDE_M:
+        for seed, way in ways.items():
+            if (off_m := math.dist(_goal(self.distance_m), way[-1])) > _ASIDE_M:
                 raise SlamError(f'distances: {self.distance_m:g} is not valid with this way of '
                                 f'seed {seed}, which ends {off_m:.1f} m off the goal; valid is '
                                 f'up to {_ASIDE_M:g} m')
-        cells = benchmark.plan([SCENARIO], estimators, seeds, limit_s,
-                               overrides=(*settings, *ALONG))
+        limit_s = _START_S + math.ceil(_SLOWEST_S_PER_M * self.distance_m)
+        cells = benchmark.plan([SCENARIO], estimators, list(ways), limit_s,
+                               overrides=(*self.settings(more), *ALONG))
         return [dataclasses.replace(cell, drive=dataclasses.replace(
             cell.drive, overrides=cell.drive.overrides + settings_of(ways[cell.drive.seed])))
             for cell in cells]
@@ -124,6 +118,28 @@ def conditions(distances_m: Sequence[float], rates_hz: Sequence[float],
     if len({one.name for one in found}) < len(found):
         raise SlamError('traverse: name each distance, rate and sun once')
     return found
+
+
+def way_of(distance_m: float, seed: int, folder: Path, more: Sequence[str] = ()) -> Array:
+    """Return the (n, 2) waypoints [m] over the true ground of a site to the goal.
+
+    Args:
+        folder: Of ways; it is planned if it is not there.
+        more: Settings of the scenario.
+
+    Raises:
+        SlamError: If there is no way.
+    """
+    path = folder / f'seed{seed}_{distance_m:g}m.csv'
+    if not path.exists():
+        way = planned(Scenario.load(SCENARIO, more, seed=seed), _goal(distance_m))
+        folder.mkdir(parents=True, exist_ok=True)
+        atomic_write(path, lambda file: np.savetxt(file, way, '%.2f', ','))
+    return np.loadtxt(path, delimiter=',', ndmin=2)
+
+
+def _goal(distance_m: float) -> tuple[float, float]:
+    return distance_m * _TOWARDS[0], distance_m * _TOWARDS[1]
 
 
 def anchor_of(drive: Drive, maps: Path, reach_m: float) -> Anchor:

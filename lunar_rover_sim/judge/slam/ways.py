@@ -1,4 +1,4 @@
-"""Ways over sites that a navigator has found, to be driven again without it.
+"""Ways over sites that are planned before they are driven, so that estimators alone are judged.
 
 A navigator sees by the cameras, and images differ a little from processor to processor, so it
 takes another way on each. Along a given way the motion is the same on all of them, under any sun.
@@ -6,54 +6,72 @@ takes another way on each. Along a given way the motion is the same on all of th
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+import dataclasses
 import json
+import math
 from pathlib import Path
 
 import cv2
 import numpy as np
-from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
 
-from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.bag.series import read_odometry
+from lunar_rover_sim.autonomy.navigation.planner import Planner
+from lunar_rover_sim.autonomy.navigation.traversability import Limits, traversability
 from lunar_rover_sim.base.errors import SlamError
-from lunar_rover_sim.base.files.paths import BAG_FOLDER
 from lunar_rover_sim.base.frames import Array, distance_along
-from lunar_rover_sim.judge.slam.seal import read_seal, RECORDINGS, Seal
+from lunar_rover_sim.ground.world.site import Site
+from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
+from lunar_rover_sim.judge.slam.seal import read_seal
+from lunar_rover_sim.run.scenario import Scenario
 
-_STEP_M = 0.05      # between the points that are looked at
-_JOINED_M = 0.1     # places as near as this are joined, so that what led back is left out
-_OFF_M = 0.03       # of the straight pieces from the points
+_MAP_M, _LEG_M = 24.0, 6.0      # side of the ground that is known; of each plan, what is kept
+_MARGIN_M = 0.15                # from obstacles: drive_node cuts corners by some cm
+_OFF_M = 0.02                   # of the straight pieces from the plan
+_MOST_DETOUR = 3.0              # over the straight line
 
-# Settings of a scenario with which drive_node follows a way, and the run ends at its end. It goes
-# through craters whose rims a navigator backs off from: it stops only where it lies on its side.
+# Settings of a scenario with which drive_node follows a way, and the run ends at its end.
 ALONG = ('run.nodes=[physics_node, gait_controller_node, render_node, recorder_node, drive_node]',
-         'drive_node.mode=waypoints', 'drive_node.end_after_s=1', 'drive_node.stuck_time_s=60',
-         'drive_node.tilt_limit_deg=80')
+         'drive_node.mode=waypoints', 'drive_node.end_after_s=1', 'drive_node.stuck_time_s=60')
 
 
-def way_of(positions_m: Array) -> Array:
-    """Return (n, 2) waypoints along (m, 2) or (m, 3) positions, to 1 cm, without the first place.
+def planned(scenario: Scenario, goal_m: Sequence[float]) -> Array:
+    """Return (n, 2) waypoints [m] from the start of a scenario to a goal, to 1 cm.
 
-    It is the shortest way over the places, so it leaves out what led back to one of them.
+    They are those of the navigator's planner over the true ground, which it knows around the rover
+    only. A goal on an obstacle is replaced as it does.
 
     Raises:
-        SlamError: If it has not moved.
+        SlamError: If it finds no way.
+        WorldError: If the ground cannot be made, or ends before the goal.
     """
-    points = np.asarray(positions_m, float)[:, :2]
-    driven = distance_along(points)
-    if not driven[-1] > _JOINED_M:
-        raise SlamError(f'way: the rover has moved by {driven[-1]:.2f} m only')
-    points = points[np.searchsorted(driven, np.arange(0.0, driven[-1], _STEP_M))]
-    tree = cKDTree(points)
-    before = dijkstra(tree.sparse_distance_matrix(tree, _JOINED_M).tocsr(), indices=0,
-                      return_predecessors=True)[1]
-    kept = [len(points) - 1]
-    while kept[-1] > 0:
-        kept.append(before[kept[-1]])
-    corners = cv2.approxPolyDP(points[kept[::-1]].astype(np.float32)[:, None], _OFF_M, False)
-    return np.round(corners[1:, 0].astype(float), 2)
+    start, seed = scenario.physics_node.start, scenario.physics_node.seed
+    place, middle, surface = np.array([start.x_m, start.y_m]), None, None
+    limits = Limits.of(scenario.rover, scenario.mapping_node.limits)
+    config = dataclasses.replace(scenario.navigator_node.plan, margin_m=_MARGIN_M)
+    site, legs = Site(scenario.world, seed), [place[None]]
+    try:
+        for _ in range(math.ceil(_MOST_DETOUR * math.dist(place, goal_m) / _LEG_M)):
+            if surface is None or site.middle(place.tolist(), middle) != middle:
+                middle = site.middle(place.tolist(), middle)
+                surface = TrueSurface(site.window(middle))
+            elevation = surface.elevation(place, _MAP_M, scenario.mapping_node.map.cell_m, 1)
+            plan = Planner(traversability(elevation, limits), config, limits.radius_m,
+                           place).plan(goal_m)
+            if plan is None:
+                break
+            points = plan.points_m[1:]
+            way_m = distance_along(plan.points_m)[1:]
+            legs.append(points[:np.searchsorted(way_m, _LEG_M) + 1])
+            place = legs[-1][-1]
+            if len(legs[-1]) == len(points) and (plan.reaches_goal or plan.off_goal_m > 0.0):
+                corners = cv2.approxPolyDP(np.vstack(legs).astype(np.float32)[:, None], _OFF_M,
+                                           False)
+                return np.round(corners[1:, 0].astype(float), 2)
+    finally:
+        site.close()
+    raise SlamError(f'along: no way from ({start.x_m:g}, {start.y_m:g}) to '
+                    f'({goal_m[0]:g}, {goal_m[1]:g}) m was found with seed {seed}; it '
+                    f'ended at ({place[0]:.1f}, {place[1]:.1f}) m')
 
 
 def settings_of(way_m: Array) -> tuple[str, str]:
@@ -62,35 +80,20 @@ def settings_of(way_m: Array) -> tuple[str, str]:
     return f'drive_node.waypoints_x_m={x}', f'drive_node.waypoints_y_m={y}'
 
 
-def ways_of(source: Path, seeds: Iterable[int], scenario: str) -> dict[int, Array]:
-    """Return seed → (n, 2) waypoints [m].
-
-    Args:
-        source: A seal whose drives follow ways, or the folder of a benchmark or of a condition of
-            a traverse, whose recordings are followed.
+def sealed_ways(path: Path, seeds: Iterable[int], scenario: str) -> dict[int, Array]:
+    """Return seed → (n, 2) waypoints [m] of a seal.
 
     Raises:
         SlamError: If it holds no way of a seed.
-        BagError: If a recording cannot be read.
     """
-    seal = None if source.is_dir() else read_seal(source)
-    return {seed: _recorded(source, f'{scenario}-seed{seed}') if seal is None
-            else _sealed(seal, source, f'{scenario}-seed{seed}') for seed in seeds}
-
-
-def _recorded(folder: Path, name: str) -> Array:
-    if not (bags := sorted(folder.glob(f'**/{RECORDINGS}/{name}/{BAG_FOLDER}'))):
-        raise SlamError(f'{folder}: holds no recording of {name}, whose way could be followed')
-    with open_bag(bags[0]) as bag:
-        return way_of(read_odometry(bag).positions_m)
-
-
-def _sealed(seal: Seal, path: Path, name: str) -> Array:
-    texts = [text.partition('=')[2] for text in seal.own.get(name, ())]
-    try:
-        way = np.array([json.loads(text) for text in texts], float).T
-    except ValueError:
-        way = np.zeros(0)
-    if way.ndim != 2 or way.shape[1] != 2:
-        raise SlamError(f'{path}: holds no way of {name}')
-    return way
+    own, ways = read_seal(path).own, {}
+    for seed in seeds:
+        name = f'{scenario}-seed{seed}'
+        texts = [text.partition('=')[2] for text in own.get(name, ())]
+        try:
+            ways[seed] = np.array([json.loads(text) for text in texts], float).T
+        except ValueError:
+            ways[seed] = np.zeros(0)
+        if ways[seed].ndim != 2 or ways[seed].shape[1] != 2:
+            raise SlamError(f'{path}: holds no way of {name}')
+    return ways
