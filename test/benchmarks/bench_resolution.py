@@ -40,8 +40,10 @@ def renderer_of(name, width, samples):
 
 def cells(values, digits):
     """Return the cells of values (directions, bands): their ranges in near and in far bands."""
-    return ' | '.join(f'{np.nanmin(part):{digits}} to {np.nanmax(part):{digits}}'
-                      for part in (values[:, :NEAR], values[:, NEAR:]))
+    return ' | '.join(
+        f'{np.nanmin(part):{digits}} to {np.nanmax(part):{digits}}'
+        if np.isfinite(part).any() else 'all dark'
+        for part in (values[:, :NEAR], values[:, NEAR:]))
 
 
 def main():
