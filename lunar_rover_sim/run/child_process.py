@@ -88,8 +88,14 @@ def program_words(command: str, name: str = 'command') -> list[str]:
 
 
 def executable(path: str | Path) -> Path:
-    """Return the absolute path of a program; raise ProcessError if it cannot be run."""
-    found = shutil.which(str(path))
+    """Return the absolute path of a program; raise ProcessError if it cannot be run.
+
+    Args:
+        path: A Path is a file, or else a program on PATH; text is what a shell makes of it.
+    """
+    # A Path has lost the './' of a file in this folder; a shell looks for words on PATH alone.
+    file = shutil.which(path.absolute()) if isinstance(path, Path) else None
+    found = file or shutil.which(str(path))
     if found is None:
         what = 'cannot be executed' if Path(path).exists() else 'there is no such program'
         raise ProcessError(f'{path}: {what}')

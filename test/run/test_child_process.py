@@ -13,6 +13,7 @@ import pytest
 from waiting import LIMIT_S, wait_until
 
 from lunar_rover_sim.base.errors import ProcessError
+from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.run import node_state
 from lunar_rover_sim.run.child_process import dies_with_parent, executable, run_program
 from lunar_rover_sim.run.node_processes import NodeLogs
@@ -139,6 +140,23 @@ def test_what_cannot_be_started(tmp_path: Path) -> None:
         run_program(['true'], tmp_path / 'there' / 'log', 1.0)
     with pytest.raises(ProcessError, match='timeout: 0 is not valid; valid is > 0'):
         run_program(['true'], tmp_path / 'log', 0.0)
+
+
+def test_a_program_of_this_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                  capsys: pytest.CaptureFixture[str]) -> None:
+    """`--executable ./true` is the file, not what PATH has of its name; a bare word is not."""
+    on_path = executable('true')
+    monkeypatch.chdir(tmp_path)
+    for name in ('true', 'own_estimator'):
+        (tmp_path / name).write_text('#!/bin/sh')
+        (tmp_path / name).chmod(0o755)
+        assert executable(Path(f'./{name}')) == executable(f'./{name}') == tmp_path / name
+    assert executable('true') == on_path
+    with pytest.raises(ProcessError, match='own_estimator: cannot be executed'):
+        executable('own_estimator')
+    assert main(['slam', 'run', 'bag', '-o', 'new', '--system', 'orbslam3', '--executable',
+                 './own_estimator', '--vocabulary', 'true']) == 1
+    assert 'true: is' in capsys.readouterr().err
 
 
 @pytest.fixture
