@@ -41,7 +41,11 @@ class DriveNode(node_main.GraphNode):
         self._no_period = self._last_period = 0 if config.lockstep else -1
         self._jump = TimeJump(self)
         self._status = ''
+        self._held: list[bytes] = []
+        self.create_subscription(Odometry, config.truth.name, self._odom_callback,
+                                 qos.requested(topics.ODOM, config.lockstep), raw=True)
         stamped = config.enable_stamped_cmd_vel
+        # After what it reads: who sees it may send the first state.
         self._publisher = self.create_publisher(TwistStamped if stamped else Twist,
                                                 topics.CMD_VEL.name, qos.offered(topics.CMD_VEL))
         publishers = [self._publisher]
@@ -52,9 +56,6 @@ class DriveNode(node_main.GraphNode):
         # In lockstep the first command is held until everybody reads it.
         self._matching = ReaderDiscovery(self, publishers,
                                          config.participants if config.lockstep else ())
-        self._held: list[bytes] = []
-        self.create_subscription(Odometry, config.truth.name, self._odom_callback,
-                                 qos.requested(topics.ODOM, config.lockstep), raw=True)
         self.report_ready(config, waits=(config.truth.name,))
 
     def is_at_rest(self, begun: Checkpoint) -> bool:

@@ -75,13 +75,6 @@ class LegControllerNode(node_main.GraphNode, abc.ABC):
         self._jump = TimeJump(self)
 
         self._message = JointState()    # refilled for every answer
-        self._publisher = self.create_publisher(JointState, topics.JOINT_COMMANDS.name,
-                                                qos.offered(topics.JOINT_COMMANDS))
-        # In lockstep the first answer is held until everybody reads it.
-        self._matching = ReaderDiscovery(
-            self, [self._publisher],
-            tuple(dict.fromkeys([*config.wait.topics, *config.participants]))
-            if config.lockstep else ())
         self._listener = LockstepListener(self, config.wait, config.lockstep, self._newest_ns,
                                           self._answer_while_open,
                                           {topics.CMD_VEL: self._velocities.append}
@@ -91,6 +84,14 @@ class LegControllerNode(node_main.GraphNode, abc.ABC):
         self.create_subscription(JointState, topics.JOINT_STATES.name, self._state_callback,
                                  qos.requested(topics.JOINT_STATES, config.lockstep))
         self.prepare(config)
+        # After all that it reads: who sees it may send the first state.
+        self._publisher = self.create_publisher(JointState, topics.JOINT_COMMANDS.name,
+                                                qos.offered(topics.JOINT_COMMANDS))
+        # In lockstep the first answer is held until everybody reads it.
+        self._matching = ReaderDiscovery(
+            self, [self._publisher],
+            tuple(dict.fromkeys([*config.wait.topics, *config.participants]))
+            if config.lockstep else ())
         self.create_timer(0.5, self._watch)
         self.report_ready(config, waits=(*self.needs, *config.wait.topics))
 
@@ -103,7 +104,7 @@ class LegControllerNode(node_main.GraphNode, abc.ABC):
         """Return the command for a state."""
 
     def prepare(self, config: Any) -> None:
-        """Prepare what else the node needs, before it reports that it is ready."""
+        """Prepare what else the node needs, before it advertises its answers."""
 
     def next_state(self) -> JointState | None:
         """Return the state to be answered next, of `states`; None where something is missing."""

@@ -105,6 +105,26 @@ def test_a_policy_of_another_rover_does_not_start(policy_file: Path) -> None:
         with_policy(Scenario.load('flat', rover='hexapod'), policy_file)
 
 
+class Late(PolicyNode):
+    """Looks at the graph before it reads its last topic."""
+
+    def prepare(self, config) -> None:
+        """Count who would be taken for a controller that is there."""
+        self.advertised = self.count_publishers('joint_commands')
+        super().prepare(config)
+
+
+def test_nobody_sees_it_before_it_reads_all_topics(policy_file: Path, domain: int) -> None:
+    """Physics would send the first state, without whose IMU the node never answers."""
+    rclpy.init(args=['--ros-args', '-p', f'policy:={policy_file}', '-p', 'time_mode:=real_time'])
+    try:
+        node = Late()
+        assert (node.advertised, node.count_publishers('joint_commands')) == (0, 1)
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
+
 @pytest.fixture()
 def node(policy_file: Path, domain: int) -> Iterator[PolicyNode]:
     """Give a node in this process, in real time."""
