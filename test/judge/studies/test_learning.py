@@ -28,8 +28,10 @@ def test_the_packaged_gait_walks_as_its_calibration_says():
     assert 0.0 <= found.slip < 0.2 and found.miss_px > 0.1
 
 
-def test_a_walk_that_is_to_turn_is_judged_by_its_turn():
-    left, right = (walk(Case(PACKAGED, 'rigid', 0.0, HIDDEN_SEEDS[0], 'quad', 0.12, yaw_rate))
+@pytest.mark.parametrize('walker', [PACKAGED, 'smooth'])
+def test_a_walk_that_is_to_turn_is_judged_by_its_turn(walker):
+    """The packaged gait and the packaged policy turn to both sides."""
+    left, right = (walk(Case(walker, 'rigid', 0.0, HIDDEN_SEEDS[0], 'quad', 0.12, yaw_rate))
                    for yaw_rate in (0.15, -0.15))
     assert left.turned_radps > 0.08 and right.turned_radps < -0.08
     assert max(left.tracking_error, right.tracking_error) < 0.3
