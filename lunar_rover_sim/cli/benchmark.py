@@ -118,10 +118,9 @@ def drives(output: Path, scenarios: Sequence[str], sensors: Sequence[str], seeds
 def traverse(output: Path, distances: Sequence[float], sites: Sequence[int], first_seed: int,
              rates: Sequence[float], suns: Sequence[str], along: str, executable: Path | None,
              vocabulary: Path | None, overrides: list[str], retry: bool, workers: int) -> int:
-    """Drive far over sites, and judge wheels, odometries and the anchored graph.
+    """Drive far over sites on planned ways; judge wheels, odometries and the anchored graph.
 
-    Ways are planned over the true ground. Writes traverse.md, its CSV and a folder a condition,
-    for `slam seal`. The same call goes on. All of it are 48 km.
+    All of it are 48 km; the same call goes on. Writes traverse.md, a CSV and a folder a condition.
     """
     if len(sites) != len(distances):
         raise ConfigError(f'--sites: {len(sites)} numbers are not valid with {len(distances)} '
