@@ -25,9 +25,10 @@ def layer(task: RoverTask, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     Legs of one row, from front to rear, have the same numbers, mirrored from left to right.
     """
     legs = task.rover.legs
-    if getattr(task.config, 'action', '') != RESIDUAL:
-        raise LearningError('action: feedback is added to the speeds of a gait; valid is '
-                            f'{RESIDUAL}')
+    action = getattr(task.config, 'action', '')
+    if action != RESIDUAL:
+        raise LearningError(f'action: {action!r} is not valid for feedback, which is added to the '
+                            f'speeds of a gait; valid is {RESIDUAL}')
     columns = {channel.name: k for k, channel in enumerate(task.channels)}
     weight, bias = np.zeros((len(legs.names), len(columns))), np.zeros(len(legs.names))
     by_row = np.asarray(numbers).reshape(max(legs.rows()) + 1, -1)

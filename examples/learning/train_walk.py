@@ -2,8 +2,8 @@
 
     python examples/learning/train_walk.py -o runs/walk --ground rigid --speed 0.12 --calm
 
-PPO trains the feedback of `feedback.py`, SAC a network; both add to the packaged gait, or with
-`--set action=speeds` SAC gives the speeds of the legs.
+PPO trains the feedback of `feedback.py`, SAC a network; both add to the packaged gait. With
+`--algorithm sac --set action=speeds` the network gives the speeds of the legs.
 
 Needs `pip install -e '.[train]'`. A run that was stopped goes on where it was. It writes
 `policy.onnx`, its card, and what TensorBoard shows. Training never sees the seeds of the study.
@@ -40,7 +40,8 @@ def main() -> None:
     """Train, from nothing or from the checkpoint of the folder."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('-o', '--output', type=Path, required=True)
-    parser.add_argument('--algorithm', choices=('ppo', 'sac'), default='ppo')
+    parser.add_argument('--algorithm', choices=('ppo', 'sac'), default='ppo',
+                        help='ppo trains feedback on a gait, sac a network')
     parser.add_argument('--ground', default='highland')
     parser.add_argument('--rover', default='quad')
     parser.add_argument('--decisions', type=int, default=1_000_000)
@@ -57,7 +58,6 @@ def main() -> None:
                         type=assignment, help='a parameter of the task, as YAML')
     parser.add_argument('--seed', type=int, default=1)
     args = parser.parse_args()
-    args.output.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
     options = {'ground': args.ground, 'rover': args.rover, 'smoothing_s': SMOOTHING_S,
                'randomise': not args.calm, **tuned(args.gait, args.rover),
@@ -82,6 +82,7 @@ def main() -> None:
         model = SAC('MlpPolicy', envs, gamma=0.98, seed=args.seed, learning_starts=5000,
                     tensorboard_log=str(args.output / 'tensorboard'),
                     policy_kwargs={'net_arch': [64, 64], 'activation_fn': torch.nn.Tanh})
+    args.output.mkdir(parents=True, exist_ok=True)      # what is refused leaves no folder
     left = args.decisions - model.num_timesteps
     if left > 0:
         model.learn(left, CallbackList([ProgressBarCallback(), watch]),

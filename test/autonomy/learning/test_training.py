@@ -3,6 +3,7 @@
 import importlib
 import json
 from pathlib import Path
+import subprocess
 import sys
 
 import pytest
@@ -44,3 +45,21 @@ def test_ppo_that_was_stopped_goes_on(monkeypatch, tmp_path):
     assert both[:len(first)] == first
     assert first[-1]['decisions'] == 512 and both[-1]['decisions'] == 1024
     assert Policy(tmp_path / 'policy.onnx').card.decisions == 1024
+
+
+def test_sac_gives_the_speeds_of_the_legs(monkeypatch, tmp_path):
+    log = trained(monkeypatch, 'train_walk', tmp_path, '--algorithm', 'sac', '--set',
+                  'action=speeds', '--set', 'episode_s=0.2', '--envs', '2', '--calm',
+                  '--decisions', '64')
+    card = Policy(tmp_path / 'policy.onnx').card
+    assert log[-1]['decisions'] == card.decisions == 64 and card.options['action'] == 'speeds'
+
+
+def test_feedback_that_is_to_give_speeds_is_refused_in_one_line(tmp_path):
+    """It is what PPO trains; an empty folder was left."""
+    folder = tmp_path / 'walk'
+    ended = subprocess.run([sys.executable, EXAMPLES / 'train_walk.py', '-o', folder, '--ground',
+                            'rigid', '--set', 'action=speeds'], capture_output=True, text=True)
+    assert ended.returncode == 1 and not folder.exists()
+    assert ended.stderr.count('\n') == 1
+    assert "action: 'speeds' is not valid" in ended.stderr and 'residual' in ended.stderr
