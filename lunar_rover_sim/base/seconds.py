@@ -8,6 +8,14 @@ NS_PER_S = 1_000_000_000
 EPOCH_NS = 1_704_067_200 * NS_PER_S
 
 
+def is_divisor(rate_hz: float, of_hz: float) -> bool:
+    """Return whether a period at rate_hz is a whole number of those at of_hz.
+
+    Their remainder would not tell: 0.1 is a little more than a tenth.
+    """
+    return float(of_hz / rate_hz).is_integer()
+
+
 def in_seconds(time_ns: int) -> str:
     """Return integer ns as seconds with nine decimals, exactly."""
     sign = '-' if time_ns < 0 else ''

@@ -11,7 +11,7 @@ from lunar_rover_sim.base import frames, topics
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.gravity import MOON_MPS2
 from lunar_rover_sim.base.parameters import group, Named, named, param, Parameters
-from lunar_rover_sim.base.seconds import NS_PER_S
+from lunar_rover_sim.base.seconds import is_divisor, NS_PER_S
 from lunar_rover_sim.image.camera.cameras import (CameraEntry, chase_camera, hazard_camera,
                                                   stereo_pair)
 from lunar_rover_sim.image.camera.chase import ChaseConfig
@@ -40,7 +40,7 @@ class PacedConfig(Parameters):
         super().validate()
         for name in ('rate_hz', 'frame_rate_hz'):
             rate_hz = getattr(self, name, 1)
-            if US_PER_S % rate_hz:
+            if not is_divisor(rate_hz, US_PER_S):
                 raise ConfigError(f'{name}: {rate_hz:g} is not valid; valid is a divisor of '
                                   'physics_node.state_rate_hz, such as 5, 10, 20, 25 or 40')
 
@@ -122,13 +122,13 @@ class PhysicsNodeConfig(SensorsConfig, NodeConfig, PhysicsConfig):
         if NS_PER_S % self.state_rate_hz or self.state_period_ns % self.step_ns:
             raise ConfigError(f'state_rate_hz: {self.state_rate_hz} is not valid; valid is a rate '
                               f'whose period is a multiple of step_s = {self.step_s:g} s')
-        if self.ground.deforms and self.state_rate_hz % self.ground_rate_hz:
+        if self.ground.deforms and not is_divisor(self.ground_rate_hz, self.state_rate_hz):
             raise ConfigError(f'ground_rate_hz: {self.ground_rate_hz:g} is not valid; valid is a '
                               f'divisor of state_rate_hz = {self.state_rate_hz}')
         for sensor in SENSORS:
             config = getattr(self, sensor.name, None)
             rate_hz = getattr(config, 'rate_hz', self.state_rate_hz)
-            if self.state_rate_hz % rate_hz:
+            if not is_divisor(rate_hz, self.state_rate_hz):
                 raise ConfigError(f'{sensor.name}.rate_hz: {rate_hz} is not valid; valid is a '
                                   f'divisor of state_rate_hz = {self.state_rate_hz}')
 
@@ -257,7 +257,7 @@ class RenderNodeConfig(PacedConfig, NodeConfig, RenderConfig):
         """Raise ConfigError unless images of all cameras fall on stereo pairs."""
         super().validate()
         for camera in self.cameras:
-            if self.frame_rate_hz % camera.rate_hz:
+            if not is_divisor(camera.rate_hz, self.frame_rate_hz):
                 raise ConfigError(f'{camera.name}.rate_hz: {camera.rate_hz} is not valid; valid '
                                   f'is a divisor of frame_rate_hz = {self.frame_rate_hz:g}')
         names = [frame for camera in self.cameras for _, frame, _ in camera.frames]
@@ -381,7 +381,8 @@ class MappingNodeConfig(NodeConfig):
     pose: str = param(TRUTH, _POSE, choices=POSES)
     depth: str = param(STEREO, 'stereo/depth/image, ground_truth/depth/image or '
                        'lidar/points_deskewed', choices=(STEREO, TRUE_DEPTH, LIDAR))
-    elevation_period_s: float = param(1.0, 'of map/elevation', unit='s', low=0.05, high=3600.0)
+    elevation_period_s: float = param(1.0, 'of map/elevation: the first map in each is sent',
+                                      unit='s', low=0.05, high=3600.0)
     map: MapConfig = group(MapConfig)
     limits: TraversabilityConfig = group(TraversabilityConfig)
     camera: CameraConfig = group(CameraConfig)

@@ -22,6 +22,7 @@ from lunar_rover_sim.base.errors import (brief, check_path, ConfigError, did_you
 from lunar_rover_sim.base.files.paths import find_file
 from lunar_rover_sim.base.files.yaml_text import parse_yaml, read_yaml, yaml_of
 from lunar_rover_sim.base.parameters import merge, nest, param, Parameters
+from lunar_rover_sim.base.seconds import is_divisor
 from lunar_rover_sim.ground.world.cache import cached
 from lunar_rover_sim.ground.world.config import WorldConfig
 from lunar_rover_sim.ground.world.model import World
@@ -292,7 +293,7 @@ def _check_rates(scenario: Scenario) -> None:
                           ('lidar_node.rate_hz', scenario.lidar_node.rate_hz),
                           *([('navigator_node.rate_hz', scenario.navigator_node.rate_hz)]
                             if 'navigator_node' in scenario.run.nodes else [])):
-        if state_hz % rate_hz:
+        if not is_divisor(rate_hz, state_hz):
             raise ConfigError(f'{name}: {rate_hz:g} is not valid; valid is a divisor of '
                               f'physics_node.state_rate_hz = {state_hz}')
 
