@@ -1,7 +1,7 @@
 """Contrast and dark share of the ground by view and sun, against rays cast at the same relief.
 
     python test/benchmarks/bench_contrast.py [--suns 6 15 37] [--azimuths 0 60 120 180]
-        [--distances 1.5 3 6 12] [--shape 0] [--seed 61]
+        [--distances 1.5 3 6 12] [--shape 0] [--by-view] [--seed 61]
 
 The ground is level, with the relief below the grid of the default. Of each sun and azimuth between
 sun and view, the pixels of a band around each distance are taken in the middle columns of the left
@@ -42,9 +42,11 @@ def main() -> None:
     parser.add_argument('--azimuths', nargs='+', type=float, default=(0.0, 60.0, 120.0, 180.0))
     parser.add_argument('--distances', nargs='+', type=float, default=(1.5, 3.0, 6.0, 12.0))
     parser.add_argument('--shape', type=float, default=0.0, help='detail.relief_shape_m')
+    parser.add_argument('--by-view', action='store_true', help='detail.relief_by_view')
     parser.add_argument('--seed', type=int, default=61)
     args = parser.parse_args()
-    detail = DetailConfig(bounce=False, smooth_outlines=False, relief_shape_m=args.shape)
+    detail = DetailConfig(bounce=False, smooth_outlines=False, relief_shape_m=args.shape,
+                          relief_by_view=args.by_view)
     print(f'| sun | azimuth | {" | ".join(f"{d:g} m" for d in args.distances)} | contrast within '
           f'{WITHIN:.0%} | dark share within {POINTS:g} points |')
     print('|---' * (len(args.distances) + 4) + '|')
@@ -56,7 +58,7 @@ def main() -> None:
             rays = ReliefRays(start_tiles(detail, args.seed, renderer.sun_direction).result(),
                               ground, config.reflectance.albedo_scale)
             for azimuth_deg in args.azimuths:
-                drawn, view_of, size = _bands(renderer, azimuth_deg, args.distances)
+                drawn, view_of, size = bands(renderer, azimuth_deg, args.distances)
                 cells, agree, dark_agree = [], 0, 0
                 for light, view, side in zip(drawn, view_of, size):
                     view_and_size = np.tan(np.radians(sun_deg)), view, side, 600, (4, 16)
@@ -71,7 +73,7 @@ def main() -> None:
                       f'{dark_agree} |', flush=True)
 
 
-def _bands(renderer, azimuth_deg, distances):
+def bands(renderer, azimuth_deg, distances, places=6):
     """Return light over the law of the pixels around distances, views, sizes of pixels."""
     drawn = [[] for _ in distances]
     sun, reflectance = renderer.sun_direction, renderer.config.reflectance
@@ -80,7 +82,7 @@ def _bands(renderer, azimuth_deg, distances):
     rays = rig.rays()
     middle = slice(rays.shape[1] // 2 - 60, rays.shape[1] // 2 + 60)
     views, sizes = [None] * len(distances), [0.0] * len(distances)
-    for place in range(6):
+    for place in range(places):
         # The sun is towards x; a camera that sees it at azimuth 0 looks along +x.
         state = RoverPose(scene.pose(0.9 * place - 2.0, 1.7 * place - 4.0, yaw_deg=azimuth_deg))
         frame = renderer.render(state, 0, ('radiance', 'depth', 'shadow'))

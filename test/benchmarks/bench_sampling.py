@@ -35,7 +35,7 @@ from lunar_rover_sim.rover.pose import RoverPose  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
 BANDS_M = (1.0, 2.0), (1.5, 4.0), (2.0, 4.0), (8.0, 20.0)
-_PLACES_M = (1.5, -1.0), (-2.0, 2.5)
+PLACES_M = (1.5, -1.0), (-2.0, 2.5)
 _LK = {'winSize': (15, 15), 'maxLevel': 3,
        'criteria': (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)}
 WILD_PX = 3.0          # beyond it a point is lost, not displaced
@@ -84,7 +84,7 @@ def rows_of(scenario: Scenario, seed: int, args: argparse.Namespace,
         mount = BodyMount(renderer.rig)
         cameras: dict[int, FurtherCamera] = {
             samples: renderer.add_camera(own, mount, seed, samples) for samples in args.samples}
-        for place, (x, y) in enumerate(_PLACES_M):
+        for place, (x, y) in enumerate(PLACES_M):
             for name, turn_deg in DIRECTIONS_DEG.items():
                 start = standing(world, x, y, node.sun.azimuth_deg + turn_deg)
                 pitch = matrix_from_wxyz(wxyz_from_rpy(0.0, np.radians(args.pitch), 0.0))

@@ -25,6 +25,7 @@ from lunar_rover_sim.image.rendering.crater_map import crater_lists, CraterLists
 from lunar_rover_sim.image.rendering.ground import GroundHeights
 from lunar_rover_sim.image.rendering.relief_brightness import relief_brightness
 from lunar_rover_sim.image.rendering.relief_tiles import start_tiles
+from lunar_rover_sim.image.rendering.relief_views import relief_views
 from lunar_rover_sim.image.rendering.surface import GroundTexels, Surface, surface_texels
 
 
@@ -60,12 +61,15 @@ def world_light(world: World, config: RenderConfig, seed: int, far_rocks: Rocks,
     radius = math.radians(0.5 * sun.angular_diameter_deg)
     tiles = started.result()
     brightness = relief_brightness(tiles, config.reflectance, sunlight.sun.elevation_rad, radius)
+    views = None
+    if config.detail.relief_by_view and sun.shines and not tiles.flat:
+        views = relief_views(tiles, config.reflectance, brightness.tangent, radius)
     with ThreadPoolExecutor(2) as pool:
         levels = list(pool.map(lambda k: texels.under(sunlight, k, radius),
                                range(len(world.levels))))
     sunlight.forget_clearance()     # a hundred megabytes
     return WorldLight(sun, sunlight, sun_axes(sunlight.sun), sunlight.rock_light(),
-                      Surface(tiles, surface_texels(world, levels, tiles, brightness)))
+                      Surface(tiles, surface_texels(world, levels, tiles, brightness, views)))
 
 
 @dataclasses.dataclass(eq=False)

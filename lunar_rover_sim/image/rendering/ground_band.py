@@ -22,6 +22,7 @@ from lunar_rover_sim.image.rendering.projection import ViewNumbers
 from lunar_rover_sim.image.rendering.relief_brightness import relief_factor
 from lunar_rover_sim.image.rendering.relief_map import ReliefShape
 from lunar_rover_sim.image.rendering.relief_rows import relief_of
+from lunar_rover_sim.image.rendering.relief_views import ReliefViews
 from lunar_rover_sim.image.rendering.rover_shadow import CastShadow
 from lunar_rover_sim.image.rendering.row_math import CHUNK, COLUMNS
 from lunar_rover_sim.image.rendering.shade_rows import may_shade, radiance_of, rover_shadow, shade
@@ -29,6 +30,8 @@ from lunar_rover_sim.image.rendering.surface import SurfaceTexels
 from lunar_rover_sim.image.rendering.tint_rows import tint_of
 from lunar_rover_sim.image.rendering.track_map import add_prints, prints_of, TrackArrays
 from lunar_rover_sim.image.rendering.truth_rows import light_of, shape_of
+from lunar_rover_sim.image.rendering.view_rows import (factor_of_views, light_of_views, nodes_of,
+                                                       seen_relief)
 
 F32 = NDArray[np.float32]
 
@@ -37,7 +40,8 @@ _NUMBERS = (
     'depth x y z vx vy vz slope_x slope_y lit albedo below around detail level slope_ax slope_ay '
     'slope_bx slope_by horizon_a horizon_b factor of_rover cos_i cos_e cos_g theta more_c sunlit '
     'normal_x normal_y normal_z kept reflectance direct whole lamp lamp_i lamp_g of_lamp print_x '
-    'print_y print_horizon print_seen print_coarse pressed loose beside zero').split()
+    'print_y print_horizon print_seen print_coarse pressed loose beside zero place_x place_y '
+    'of_grid far near rank turn seen relief').split()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,6 +91,7 @@ class GroundImage:
     Attributes:
         depth_m: (h, w), 0 where there is none [m].
         radiance: (h, w), None where it is not lit [W m-2 sr-1].
+        relief: (h, w) factor on radiance, of the relief that is seen at low views; None without.
         tint: (h, w) as `sensor.Tint`; None without colour.
         label, crater: (h, w) uint16; None where truth is not asked for, as all that follow.
         normal: (h, w, 3) world axes.
@@ -95,6 +100,7 @@ class GroundImage:
 
     depth_m: F32
     radiance: F32 | None = None
+    relief: F32 | None = None
     tint: NDArray[np.uint32] | None = None
     label: NDArray[np.uint16] | None = None
     crater: NDArray[np.uint16] | None = None
@@ -162,7 +168,7 @@ class Band:
             *get('slope_x slope_y lit albedo below around detail level'))
         relief_of(*get('depth x y detail'), texels.tile, texels.zone, texels.horizon,
                   *texels.coarse, *texels.fine,
-                  *get('slope_ax slope_ay slope_bx slope_by horizon_a horizon_b'))
+                  *get('slope_ax slope_ay slope_bx slope_by horizon_a horizon_b place_x place_y'))
         if tracks is not None:
             self._look_up(tracks, any_level=True)
             add_prints(*get('depth print_x print_y print_horizon print_seen print_coarse'),
@@ -172,17 +178,35 @@ class Band:
                          source.shadow.silhouette(), seen.shadow, own['of_rover'])
         else:
             own['of_rover'][:] = 1.0
-        relief_factor(*get('depth slope_x slope_y vx vy vz detail'), seen.factor, texels.factor,
-                      own['factor'])
+        views, far = texels.views, False
+        if views is not None:
+            far, own['of_grid'][:] = self._find_views(seen, views), own['lit']
+        relief_factor(*get(f'{"near" if far else "depth"} slope_x slope_y vx vy vz detail'),
+                      seen.factor, texels.factor, own['factor'])
         shade(*get('depth x y vx vy vz slope_x slope_y lit albedo detail slope_ax slope_ay '
                    'slope_bx slope_by horizon_a horizon_b factor of_rover '
                    'beside pressed loose'), constants.sun, seen.centre, texels.scales,
               texels.least_scales, constants.trodden, tracks is not None,
               *get('cos_i cos_e cos_g theta more_c sunlit normal_x normal_y normal_z kept'))
+        if views is not None and far:
+            seen_relief(*get('depth far rank turn place_x place_y vx vy vz slope_x slope_y'),
+                        np.float32(view.pixel), seen.factor, seen.factor[6], *views.nodes,
+                        own['seen'])
+            light_of_views(*get('far of_grid of_rover beside kept slope_x slope_y vx vy vz'),
+                           constants.sun, constants.theta, constants.trodden, tracks is not None,
+                           *get('lit cos_i cos_e theta seen'))
         fill_reflectance(*get('cos_i cos_e cos_g theta albedo more_c'), constants.law,
                          own['reflectance'])
         radiance_of(*get('reflectance lit albedo below around normal_z'), constants.irradiance,
                     constants.diffuse, *get('direct whole'))
+        if far:
+            factor_of_views(*get('seen direct whole relief'))
+        else:
+            own['relief'][:] = 1.0
+        if add:     # the factors of an image are those of its first source
+            own['whole'] *= own['relief']
+        elif image.relief is not None:
+            spread(self.rows, row, own['relief'], image.relief, False)
         if source.lamp is not None:
             lamp = source.lamp
             lamp_on(*get('depth x y z vx vy vz slope_x slope_y normal_x normal_y normal_z kept'),
@@ -199,6 +223,15 @@ class Band:
                     constants.soil_tint, constants.tint_spread, constants.tint_place,
                     constants.lamp_tint, self._tint)
             spread(self.rows, row, self._tint, image.tint, False)
+
+    def _find_views(self, seen: SeenSource, views: ReliefViews) -> bool:
+        """Find which textures a band shows, if any; those are ready then."""
+        nodes = views.nodes
+        wanted = np.zeros(len(nodes.first), np.bool_)
+        found = nodes_of(*self._get('depth x y vx vy vz slope_x slope_y'), seen.centre,
+                         nodes.azimuths, nodes.number, *self._get('far near rank turn'), wanted)
+        views.ready(wanted)
+        return bool(found)
 
     def _look_up(self, tracks: TrackArrays, *, any_level: bool) -> None:
         prints_of(*self._get('depth x y level'), *tracks, any_level,

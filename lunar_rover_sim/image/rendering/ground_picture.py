@@ -29,6 +29,7 @@ _ZERO, _ONE, _FAR = (np.float32(x) for x in (0.0, 1.0, 1e9))
 # nearest to those of finer images (bench_resolution.py); far ground flickers less, too.
 _LONGER_M, _SHARE = (0.075, 0.125), np.float32(1.0 / 7.0)
 _NOWHERE_M = 1e9, 2e9
+_EVEN = np.ones((0, 0), np.float32)
 
 
 @dataclasses.dataclass
@@ -66,6 +67,8 @@ class Part:
         image = GroundImage(self.depth_m)
         if self.lit:    # read where there is ground
             image.radiance = np.empty(size, np.float32)
+        if self.lit and self.sources[0].texels.views is not None:
+            image.relief = np.empty(size, np.float32)
         if self.lit and self.colour:
             image.tint = np.empty(size, np.uint32)
         if self.truth:
@@ -143,8 +146,9 @@ def cover(image: LitImage, ground: GroundImage, workers: Workers,
         far_m: As `far_ground`.
     """
     radiance = ground.radiance if ground.radiance is not None else ground.depth_m
-    workers.rows(_cover, len(radiance), ground.depth_m, radiance, np.array(far_m, np.float32),
-                 image.depth_m, image.radiance)
+    relief = _EVEN if ground.relief is None else ground.relief
+    workers.rows(_cover, len(radiance), ground.depth_m, radiance, relief,
+                 np.array(far_m, np.float32), image.depth_m, image.radiance)
     if image.tint is not None and ground.tint is not None:
         workers.rows(_cover_tint, len(radiance), image.depth_m, ground.tint, image.tint)
 
@@ -193,11 +197,13 @@ def _with_neighbours(r, depth, radiance, far_m, mean):  # type: ignore[no-untype
 
 
 @compiled
-def _cover(first, last, ground_depth, ground_radiance, far_m,  # type: ignore[no-untyped-def]
-           depth, radiance):
+def _cover(first, last, ground_depth, ground_radiance, relief,  # type: ignore[no-untyped-def]
+           far_m, depth, radiance):
     """Write the ground into rows of (h, w) depth and radiance, where no object lies before it.
 
     Args:
+        relief: (h, w) factors that take no light of neighbours: they are means over a pixel; or
+            (0, 0).
         far_m: As `far_ground`.
         depth: Negative for objects, 0 where there are none [m].
     """
@@ -206,6 +212,11 @@ def _cover(first, last, ground_depth, ground_radiance, far_m,  # type: ignore[no
     for r in range(first, last):
         own, seen, out = ground_depth[r], depth[r], radiance[r]
         light = _with_neighbours(r, ground_depth, ground_radiance, far_m, mean)
+        if len(relief):
+            factors = relief[r]
+            for c in range(w):
+                mean[c] = light[c] * factors[c]
+            light = mean
         for c in range(w):
             before = -seen[c] if seen[c] < _ZERO else _FAR
             far = own[c] if own[c] > _ZERO else _FAR

@@ -32,6 +32,7 @@ class LightConstants:
         irradiance: Normal [W/m2].
         diffuse, rock_diffuse: Diffuse albedo over pi of ground and rocks.
         law, rock_law: (5,) w, b, c, b_s0, h_s.
+        theta: Tangent of the roughness of ground no relief of which is drawn.
         rock_theta: Tangent of the roughness of rocks.
         rough: How rough rocks are, and how much soil lies on them; 1 is usual.
         trodden: (4,) as for `shade_rows.shade`.
@@ -48,6 +49,7 @@ class LightConstants:
     rock_diffuse: np.float32
     law: F32
     rock_law: F32
+    theta: np.float32
     rock_theta: np.float32
     rough: np.float32
     trodden: F32
@@ -90,6 +92,7 @@ class LightConstants:
             np.float32(hapke.hemispherical_albedo(ground) * matter.albedo_scale / math.pi),
             np.float32(hapke.hemispherical_albedo(rocks) / math.pi),
             ground.law(matter.albedo_scale), rocks.law(),
+            np.float32(math.tan(math.radians(ground.theta_deg))),
             np.float32(math.tan(math.radians(rocks.theta_deg))),
             np.float32(config.detail.relief_rms_slope / DetailConfig().relief_rms_slope),
             vector(*_TRODDEN),

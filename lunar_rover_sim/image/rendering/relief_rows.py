@@ -231,7 +231,7 @@ def _decode(s, i, horizon, slope_x, slope_y, tangent):  # type: ignore[no-untype
 @vectorised
 def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyped-def]
               coarse, coarse_side, coarse_first, fine, fine_side, fine_first,
-              slope_ax, slope_ay, slope_bx, slope_by, horizon_a, horizon_b):
+              slope_ax, slope_ay, slope_bx, slope_by, horizon_a, horizon_b, place_x, place_y):
     """Look up slopes and horizons of the relief at each pixel of a band.
 
     Args:
@@ -244,6 +244,7 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
         fine, fine_side, fine_first: The other tile, two levels finer.
         slope_ax, slope_ay, slope_bx, slope_by: (n,) filled in, of both tiles.
         horizon_a, horizon_b: (n,) filled in: tangents.
+        place_x, place_y: (n,) filled in: in periods of the coarse tile.
     """
     s, cells = np.empty(_FLOATS, np.float32), np.empty(8 * _PAGE, np.int32)
     t, which = np.empty(4 * _PAGE, np.uint32), np.empty(_N, np.int64)
@@ -281,9 +282,11 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
                     own = s[_OUT + page + j]
                     s[_OUT + page + j] = own + other * (s[_NEXT + page + k] - own)
                 if other > _HALF:
-                    s[_PLACES + 2 * _PAGE + j] = s[_PLACES + 6 * _PAGE + k]
-                    s[_PLACES + 3 * _PAGE + j] = s[_PLACES + 7 * _PAGE + k]
+                    for page in range(0, 4 * _PAGE, _PAGE):
+                        s[_PLACES + page + j] = s[_PLACES + 4 * _PAGE + page + k]
         _decode(s, i, horizon, slope_ax, slope_ay, horizon_a)
+        for j in range(_N):
+            place_x[i + j], place_y[i + j] = s[_PLACES + j], s[_PLACES + _PAGE + j]
         _texels(s, cells, t, between, _PLACES + 2 * _PAGE, _OUT, 3, _LEVEL, _ZERO,
                 _N, fine, fine_side, fine_first)
         _decode(s, i, horizon, slope_bx, slope_by, horizon_b)

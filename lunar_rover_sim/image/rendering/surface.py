@@ -21,6 +21,7 @@ from lunar_rover_sim.image.rendering.relief_brightness import (LEAST_FACTOR, LEA
                                                                ReliefBrightness)
 from lunar_rover_sim.image.rendering.relief_rows import place_in_site
 from lunar_rover_sim.image.rendering.relief_tiles import ReliefTiles
+from lunar_rover_sim.image.rendering.relief_views import ReliefViews
 
 F32 = NDArray[np.float32]
 
@@ -187,6 +188,7 @@ class SurfaceTexels:
         sun_tangent: That of its elevation over level ground, at least a hundredth.
         scales: Of `shade_rows.shade`.
         fine_log2: log2 of texels of the fine tile per metre.
+        views: Of the relief at low views; None where it is drawn by its slopes everywhere.
     """
 
     levels: F32
@@ -200,6 +202,7 @@ class SurfaceTexels:
     sun_tangent: float
     scales: F32
     fine_log2: float
+    views: ReliefViews | None
 
     zone = np.float32(_ZONE)
     last = float(LEVELS - 1)
@@ -207,12 +210,13 @@ class SurfaceTexels:
 
 
 def surface_texels(world: World, levels: list[LevelTexels], tiles: ReliefTiles,
-                   brightness: ReliefBrightness) -> SurfaceTexels:
+                   brightness: ReliefBrightness,
+                   views: ReliefViews | None) -> SurfaceTexels:
     """Return the texels of a world, in a frame of its own, under a sun.
 
     Args:
         levels: Of each grid.
-        tiles, brightness: Of the relief below the grid, under that sun.
+        tiles, brightness, views: Of the relief below the grid, under that sun.
     """
     grids = world.levels
     side = halving_side(max(grid.n for grid in grids))
@@ -229,7 +233,8 @@ def surface_texels(world: World, levels: list[LevelTexels], tiles: ReliefTiles,
         np.concatenate([tile, place_in_site(tile, world.origin_m)]),
         np.array([tiles.centre, tiles.half_range], np.float32),
         np.ascontiguousarray(roots).view(np.uint32)[..., 0], brightness.tangent,
-        np.asarray(brightness.scales, np.float32), float(-np.log2(tiles.fine.texel_m)))
+        np.asarray(brightness.scales, np.float32), float(-np.log2(tiles.fine.texel_m)),
+        views)
 
 
 @dataclasses.dataclass

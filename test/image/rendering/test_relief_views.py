@@ -1,0 +1,71 @@
+"""At low views the relief below the grid looks as rays cast at its heights see it."""
+
+import math
+
+from benchmarks.bench_contrast import bands
+from benchmarks.relief_rays import ReliefRays
+import camera_scene as scene
+import numpy as np
+import pytest
+
+from lunar_rover_sim.image.camera.config import CameraConfig
+from lunar_rover_sim.image.illumination import hapke
+from lunar_rover_sim.image.rendering.config import DetailConfig
+from lunar_rover_sim.image.rendering.relief_tiles import start_tiles
+from lunar_rover_sim.image.rendering.relief_views import relief_views
+from lunar_rover_sim.image.rendering.renderer import Renderer
+from lunar_rover_sim.rover.pose import RoverPose
+
+DETAIL = DetailConfig(relief_by_view=True, bounce=False, smooth_outlines=False)
+SUN_DEG, SEED = 15.0, 61
+DISTANCES_M = 3.0, 6.0
+
+
+@pytest.fixture(scope='module')
+def config():
+    """Return a sun that stands towards x, and the default camera."""
+    return scene.config(detail=DETAIL, camera=CameraConfig(),
+                        sun=scene.SunConfig(azimuth_deg=0.0, elevation_deg=SUN_DEG))
+
+
+@pytest.fixture(scope='module')
+def renderer(config):
+    """Return one of level ground."""
+    with Renderer(scene.plane(1025, cell_m=0.05), scene.ROVER, config, SEED) as renderer:
+        yield renderer
+
+
+@pytest.fixture(scope='module')
+def rays(renderer, config):
+    """Return rays at the heights of the same tiles."""
+    tiles = start_tiles(DETAIL, SEED, renderer.sun_direction).result()
+    return ReliefRays(tiles, hapke.parameter_set(config.reflectance.ground),
+                      config.reflectance.albedo_scale)
+
+
+@pytest.mark.parametrize('azimuth_deg', [0.0, 60.0, 120.0])
+def test_contrast_is_that_of_rays(renderer, rays, azimuth_deg):
+    """Drawn by its slopes, it has a third of that at 3 m, and a tenth at 6 m."""
+    for light, view, side in zip(*bands(renderer, azimuth_deg, DISTANCES_M, places=3)):
+        by_rays = rays.contrast(math.tan(math.radians(SUN_DEG)), view, side, 600, (4, 16))[0]
+        assert light.std() / light.mean() == pytest.approx(by_rays, rel=0.3)
+        assert light.mean() == pytest.approx(1.0, abs=0.06)
+
+
+def test_no_shadow_is_seen_away_from_the_sun(renderer):
+    """The eye is lower than the sun: what it sees is lit."""
+    for light in bands(renderer, 180.0, DISTANCES_M, places=2)[0]:
+        assert light.min() > 0.7
+
+
+def test_order_of_views_does_not_matter(config):
+    """Textures are cast when they are first seen, by any thread."""
+    def images(yaws_deg):
+        relief_views.cache_clear()
+        with Renderer(scene.plane(513, cell_m=0.05), scene.ROVER, config, SEED) as renderer:
+            found = {yaw: renderer.render(RoverPose(scene.pose(yaw_deg=yaw)), 0,
+                                          ('radiance',)).radiance.copy() for yaw in yaws_deg}
+        return found
+    there, back = images((10.0, 100.0, 190.0)), images((190.0, 100.0, 10.0))
+    for yaw, image in there.items():
+        np.testing.assert_array_equal(image, back[yaw])
