@@ -24,6 +24,9 @@ PATH = f"{BIN}:{os.environ['PATH']}"
 def test_workflows_call_what_is_there(name: str) -> None:
     workflow = yaml.safe_load((ROOT / f'.github/workflows/{name}.yml').read_text())
     jobs = workflow['jobs'].values()
+    called = [job for job in jobs if 'uses' in job]
+    assert all((ROOT / job['uses']).is_file() for job in called)
+    jobs = [job for job in jobs if job not in called]
     assert jobs and all(job['steps'] and job['runs-on'] for job in jobs)
     lines = '\n'.join(step.get('run', '') for job in jobs for step in job['steps'])
     called = set(re.findall(r'\S*bootstrap\b( \w+)?', lines))

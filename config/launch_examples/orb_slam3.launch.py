@@ -8,7 +8,7 @@ from launch.actions import IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 
 # Settings by: lunar_rover_sim slam settings baseline --sensor stereo -o orb.yaml
-ARGUMENTS = {'wrapper': 'orb_slam3_ros2_wrapper', 'sensor': 'stereo', 'scenario': 'baseline',
+ARGUMENTS = {'wrapper': 'orbslam3', 'sensor': 'stereo', 'scenario': 'baseline',
              'vocabulary': 'ORBvoc.txt', 'settings': 'orb.yaml', 'estimate': 'live',
              'output': 'runs/live', 'duration': '60'}
 

@@ -315,6 +315,7 @@ def test_the_state_of_the_entity(simulator: FakeSimulator, services: SimulationS
 
 
 @pytest.mark.ros
+@pytest.mark.stacks
 def test_the_real_package(peer: Peer, world_folder: Path) -> None:
     """All services over DDS: pause, steps at the pace of real time, a jump, a reset."""
     srv = pytest.importorskip('simulation_interfaces.srv')

@@ -20,7 +20,7 @@ from launch_ros.substitutions import ExecutableInPackage
 from lunar_rover_sim.judge.slam.live import wrapper
 
 _ARGUMENTS = {
-    'wrapper': ('orb_slam3_ros2_wrapper', 'package: orb_slam3_ros2_wrapper or orbslam3'),
+    'wrapper': ('orbslam3', 'package: orbslam3 or orb_slam3_ros2_wrapper'),
     'sensor': ('stereo', 'mono, stereo or stereo-inertial'),
     'vocabulary': ('', 'vocabulary of ORB-SLAM3'),
     'settings': ('', 'settings file of ORB-SLAM3'),

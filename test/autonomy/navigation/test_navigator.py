@@ -90,6 +90,16 @@ def test_waypoints_are_driven_in_their_order():
     assert rover.commands[-1].status == Status.ARRIVED
 
 
+@pytest.mark.parametrize('heading_deg', [90.0, -150.0])
+def test_it_turns_to_a_final_heading(heading_deg):
+    rover = made(ground())
+    rover.navigator.set_goals(np.array([(1.0, 0.5)]), np.radians(heading_deg))
+    assert rover.drive().status == Status.ARRIVED
+    assert any(command.status == Status.TURNING for command in rover.commands)
+    off = (np.degrees(rover.yaw) - heading_deg + 180.0) % 360.0 - 180.0
+    assert abs(off) < 10.0 and np.hypot(rover.x - 1.0, rover.y - 0.5) < 0.3
+
+
 def test_a_new_obstacle_changes_the_plan_at_once():
     rover = made(ground())
     for _ in range(100):
