@@ -6,8 +6,9 @@
 
 `docs/measurements/results/NAME.json` has a command, a line for the shell, and what its results
 depend on. What the command writes to `{file}`, as JSON, are values; tables that it prints are kept
-as lines. `{new}` is a folder that is not there yet, `{kept}` one in which it goes on. A page says
-`{{ NAME.value }}` or, on a line, `{{ NAME.table }}`, and is filled in when it is built.
+as lines. `{new}` is a folder that is not there yet, `{kept}` one in which it goes on; `files` of
+the latter stay for pages, each by a name of its own. A page says `{{ NAME.value }}` or, on a line,
+`{{ NAME.table }}`, and is filled in when it is built.
 
 What a figure depends on is a subject, such as the light. Its state is a sum over files that change
 whenever its behaviour does: hashes of worlds, and stored numbers of the regression cases; or code.
@@ -138,6 +139,8 @@ def measure(names: Iterable[str]) -> None:
             'machine': f'{processor()}, Python {platform.python_version()}',
             'states': states}
         path.write_text(json.dumps(result, indent=2, ensure_ascii=False) + '\n', encoding='utf-8')
+        for of_command, of_pages in result.get('files', {}).items():
+            shutil.copyfile(paths['kept'] / of_command, RESULTS.parent / of_pages)
         shutil.rmtree(work)
 
 

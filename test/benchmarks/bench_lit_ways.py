@@ -1,6 +1,6 @@
 """Whether goals of a navigation study that were missed can be reached over lit ground at all.
 
-    python test/benchmarks/bench_lit_ways.py docs/measurements/navigation_goals.csv rough
+    python test/benchmarks/bench_lit_ways.py DIR/navigation.csv rough
 
 and with --seeds 302 305, also of those that were reached.
 

@@ -10,7 +10,8 @@ turns first; depth, truth and what is tracked are each picture's own. Every tent
 and corners of the left image are tracked into the one before it. The built-in odometry, and a
 program if one is given, follow all pairs. A row of the file is a drive; rows are written as they
 come, and a run that is started again goes on. It prints means, the mean of the paired differences
-with its 95 % interval, and p of Wilcoxon's test, in Markdown; it asserts nothing.
+with its 95 % interval, and q: p of Wilcoxon's test, corrected for the number of tests (Benjamini
+and Hochberg), in Markdown; it asserts nothing.
 
 With `--samples` of 2 less of a difference is the renderer's; `--stereo-only` draws what is judged.
 """
@@ -32,6 +33,7 @@ from scipy import stats
 from lunar_rover_sim import evaluate, Trajectory
 from lunar_rover_sim.image.stereo.depth import disparity_from_depth
 from lunar_rover_sim.image.stereo.error import stereo_errors, StereoErrors
+from lunar_rover_sim.judge.evaluation.statistics import adjusted, signed_rank_p
 from lunar_rover_sim.judge.slam.program import command_words, program_settings, SlamProgram
 from lunar_rover_sim.judge.slam.protocol import FrameSet, TRACKING
 from lunar_rover_sim.products.sequences.sensors import described_sensors
@@ -184,7 +186,7 @@ def main() -> None:
                         **{name: f'{value:.5g}' for name, value in result.items()}})
     with args.output.open(encoding='utf-8', newline='') as file:
         rows = [row for row in csv.DictReader(file) if int(row['samples']) == args.samples]
-    print('| | light only | shape | difference | p |\n|---|---|---|---|---|')
+    lines, p = [], []
     for name, words in MEASURES.items():
         if not any(row[name] for row in rows):
             continue
@@ -192,12 +194,17 @@ def main() -> None:
                                   if (float(row['shape_m']) > 0.0) == kind])
                         for kind in (False, True))
         if not np.isfinite((light, shape)).all():
-            print(f'| {words} | {light} | {shape} | lost | |')
+            lines.append(f'| {words} | {light} | {shape} | lost |')
+            p.append(np.nan)
             continue
         change = shape - light
         low, high = stats.t.interval(0.95, len(change) - 1, change.mean(), stats.sem(change))
-        print(f'| {words} | {light.mean():.3g} | {shape.mean():.3g} | {change.mean():+.2g} '
-              f'[{low:+.2g}, {high:+.2g}] | {stats.wilcoxon(change).pvalue:.2g} |')
+        lines.append(f'| {words} | {light.mean():.3g} | {shape.mean():.3g} | {change.mean():+.2g} '
+                     f'[{low:+.2g}, {high:+.2g}] |')
+        p.append(signed_rank_p(change))
+    print('| | light only | shape | difference | q |\n|---|---|---|---|---|')
+    for line, q in zip(lines, adjusted(p)):
+        print(f'{line} {q:.2g} |')
 
 
 if __name__ == '__main__':

@@ -54,6 +54,17 @@ def test_tables_are_kept_and_what_was_stopped_goes_on(figures: ModuleType) -> No
     assert not list((figures.ROOT / 'build' / 'figures').iterdir())
 
 
+def test_files_of_a_folder_stay_for_pages(figures: ModuleType) -> None:
+    """They are copied before the folder goes."""
+    (figures.ROOT / 'pages' / 'results').mkdir(parents=True)
+    figures.RESULTS = figures.ROOT / 'pages' / 'results'
+    (figures.RESULTS / 'rows.json').write_text(json.dumps(
+        {'depends': ['light'], 'files': {'all.csv': 'drives.csv'},
+         'command': "mkdir -p {kept}; echo 'a,b' > {kept}/all.csv"}))
+    figures.measure(['rows'])
+    assert (figures.ROOT / 'pages' / 'drives.csv').read_text() == 'a,b\n'
+
+
 def test_pages_take_figures_that_exist() -> None:
     """And each result is taken by a page."""
     figures = module_of(ROOT / 'docs' / 'figures.py')
