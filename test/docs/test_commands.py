@@ -20,7 +20,7 @@ from lunar_rover_sim.run.scenario import Scenario
 NODES = {**NODE_CONFIGS, **COMPANION_CONFIGS}
 # Programs of others; ours are looked at word by word.
 FOREIGN = {'.', 'apt', 'cat', 'cd', 'cmake', 'colcon', 'cosmic-ray', 'cr-report', 'dask', 'docker',
-           'git', 'pip', 'rviz2', 'sqlite3', '~/orbslam3/bin/pip', '~/svo/bin/pip'}
+           'git', 'pip', 'rosdep', 'rviz2', 'sqlite3', '~/orbslam3/bin/pip', '~/svo/bin/pip'}
 LINES = [pytest.param(words, id=f'{snippet.name} {" ".join(words)[:60]}')
          for snippet in snippets('sh') for words in commands(snippet)]
 LINES += [pytest.param(shlex.split(line), id=f'{path.stem} {line[:60]}')
@@ -41,7 +41,7 @@ def test_command_line(words: list[str]) -> None:
         node = words[3].removeprefix('/')
         info = {name: info for name, _, info, _ in NODES[node]().flatten()}
         assert info[words[4]].live
-    elif words[0] in ('python', 'pytest'):
+    elif words[0] in ('python', 'python3', 'pytest'):
         check_python(words)
     elif words[0] == './bootstrap':
         assert ' '.join(words[1:]) in ('', 'demo', 'docs', 'lock', 'test', 'test --quick')
