@@ -71,7 +71,7 @@ def _bars(rows: Sequence[TableRow], judged: Sequence[Judged]) -> Figure:
 def curves(rows: Sequence[TableRow], judged: Sequence[Judged], parameter: str) -> Figure:
     """Return success and error over the values of a sweep, a curve per scenario, sensor, system.
 
-    Whiskers are 95 % intervals: Wilson's of the share of successes, the bootstrap's of the median
+    Whiskers are 95 % intervals: Wilson's of the share of successes, the sign test's of the median
     error. Crosses are drives that succeeded.
     """
     figure = _figure(10.0, 4.0)
@@ -234,7 +234,7 @@ def _statement(judged: Sequence[Judged], systems: Sequence[str]) -> list[str]:
         + f'; {"system" if len(systems) == 1 else "systems"} {", ".join(systems)}.',
         f'A drive is a success if {100 * table.SUCCESS_SHARE:g} % of its frames are tracked, in '
         'one map; drives on which the rover tips over are left out. Medians over the successes '
-        'with 95 % intervals of the bootstrap; tracked and distance over all drives. Mono is '
+        'with 95 % intervals of the sign test; tracked and distance over all drives. Mono is '
         'aligned by Sim(3), the others by SE(3); scale is true '
         'over estimated size of the path, by Sim(3); RPE is over pieces of 1 m. Distance is '
         'horizontal, in steps of 0.1 s.']

@@ -192,7 +192,7 @@ def table(judged: Sequence[Named]) -> str:
                for condition, one in judged if one.result.reason]
     wrong = ['', 'What went wrong:', '', *reasons] if reasons else []
     return '\n'.join([
-        'Shares with intervals of Wilson, medians of successes with those of the bootstrap, 95 %.',
+        'Shares with intervals of Wilson, medians of successes with those of the sign test, 95 %.',
         '', *text, '', *_differences(groups), *wrong, ''])
 
 

@@ -19,6 +19,17 @@ def test_three_values_have_an_interval_and_two_have_none(count):
     assert np.isfinite([one.low, one.high]).all() == known == np.isfinite(means).all()
 
 
+@pytest.mark.parametrize('count', [6, 7, 10, 25])
+def test_the_interval_of_a_median_covers_it(count):
+    """Also that of values that are far from normal."""
+    rng = np.random.default_rng(3)
+    found = [statistics.Median.of(rng.exponential(size=count)) for _ in range(400)]
+    covered = sum(one.low <= np.log(2.0) <= one.high for one in found)
+    assert stats.binomtest(covered, 400, 0.95, 'less').pvalue > 0.01
+    few = statistics.Median.of(rng.exponential(size=5))
+    assert np.isnan([few.low, few.high]).all() and few.text(1) == f'{few.value:.1f}'
+
+
 def test_what_is_rounded_to_nothing_has_no_sign():
     found = statistics.Estimate(-0.004, -0.006, 0.001, 5)
     assert found.text(2) == '0.00 [-0.01, 0.00]' and found.text(2, '+') == '+0.00 [-0.01, +0.00]'

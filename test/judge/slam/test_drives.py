@@ -229,7 +229,7 @@ def test_values_of_a_wide_range_are_labelled() -> None:
 
 NAN = float('nan')
 RESULTS = [
-    *(judged(k, ate_m) for k, ate_m in enumerate((0.010, 0.012, 0.017), 1)),
+    *(judged(k, ate_m) for k, ate_m in enumerate((0.010, 0.011, 0.012, 0.012, 0.015, 0.017), 1)),
     *(judged(k, ate_m, 'mono', tracked=1.0) for k, ate_m in enumerate((0.02, 0.03, NAN), 1)),
     judged(1, 0.05, scenario='feature_sparse'),
     judged(2, 0.07, scenario='feature_sparse', tracked=0.5, reason='lost at 20.0 s'),
@@ -241,7 +241,7 @@ def test_successes_and_medians() -> None:
     """A drive that lost its track has no error in the median, and says what it had."""
     rows = {(r.scenario, r.sensor): r for r in table.rows_of(RESULTS)}
     good = rows['baseline', 'stereo']
-    assert (good.successes, good.drives, good.ate_m.value, good.ate_m.count) == (3, 3, 0.012, 3)
+    assert (good.successes, good.drives, good.ate_m.value, good.ate_m.count) == (6, 6, 0.012, 6)
     assert (good.ate_m.low, good.ate_m.high) == (0.010, 0.017)
     assert rows['baseline', 'mono'].successes == 2      # an error that is no number is none
     sparse = rows['feature_sparse', 'stereo']
