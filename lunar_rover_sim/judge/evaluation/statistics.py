@@ -145,11 +145,6 @@ class Comparison:
         p = (extreme + own) / (len(sums) + own)
         return cls(len(a), median, p, observed / float(ranks.sum()))
 
-    @property
-    def sign(self) -> int:
-        """1 if the first is larger, -1 if smaller, 0 if chance may have made the difference."""
-        return int(np.sign(self.effect)) if self.p < 1.0 - CONFIDENCE else 0
-
     def text(self) -> str:
         """Return n, effect and p."""
         return f'n = {self.pairs}, effect {self.effect:+.2f}, p = {self.p:.2g}'

@@ -34,7 +34,8 @@ from lunar_rover_sim.ground.world.model import World
 from lunar_rover_sim.ground.world.site import OneWindow
 from lunar_rover_sim.image.stereo.seen_depth import SeenDepth
 from lunar_rover_sim.judge.evaluation.map_evaluation import TrueSurface
-from lunar_rover_sim.judge.evaluation.statistics import Comparison, either_alone_p, Mean, Share
+from lunar_rover_sim.judge.evaluation.statistics import (adjusted, Comparison, CONFIDENCE,
+                                                         either_alone_p, Mean, Share)
 from lunar_rover_sim.judge.studies.study_folder import StudyFolder, write_report
 from lunar_rover_sim.judge.studies.walking import by_gait, STATE_PERIOD_S, Walker
 from lunar_rover_sim.rover.mjcf import BASE_BODY
@@ -409,7 +410,8 @@ def report_text(drives: dict[Case, GoalDrive], distance_m: float) -> str:
 
 
 def _comparisons(groups: dict[tuple[str, float, str], dict[int, GoalDrive]]) -> list[str]:
-    lines = []
+    """Compare what each scenario was driven by; p are corrected for the number of all tests."""
+    found, p = [], []
     for group, seen in sorted(groups.items()):
         scenario, sun, driver = group
         if driver != SEEN:
@@ -422,13 +424,16 @@ def _comparisons(groups: dict[tuple[str, float, str], dict[int, GoalDrive]]) -> 
                 continue
             pair = Comparison.of([_badness(seen[s]) for s in seeds],
                                  [_badness(of[s]) for s in seeds])
-            word = 'shown' if pair.sign else 'not shown'
             alone = [sum(a[s].arrived and not b[s].arrived for s in seeds)
                      for a, b in ((seen, of), (of, seen))]
-            lines.append(f'- {scenario}, sun {sun:g}°, seen against {name}: '
-                         f'{pair.text()}: a difference is {word}; alone arrived {alone[0]} '
-                         f'against {alone[1]}, p = {either_alone_p(*alone):.2g}.')
-    return lines
+            found.append((f'- {scenario}, sun {sun:g}°, seen against {name}: {pair.text()}',
+                          f'alone arrived {alone[0]} against {alone[1]}'))
+            p += [pair.p, either_alone_p(*alone)]
+    q = adjusted(p)
+    return [f'{way}, q = {of_way:.2g}: a difference is '
+            f'{"" if of_way < 1.0 - CONFIDENCE else "not "}shown; {arrived}, '
+            f'q = {of_arrival:.2g} of {len(p)} tests.'
+            for (way, arrived), of_way, of_arrival in zip(found, q[::2], q[1::2])]
 
 
 def _badness(drive: GoalDrive) -> float:

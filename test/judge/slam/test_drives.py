@@ -265,8 +265,8 @@ def test_formats(tmp_path) -> None:
     assert len({line.count('&') for line in tex.splitlines() if '&' in line}) == 1
     numbers = list(csv.DictReader(io.StringIO(table.csv_text(rows))))
     assert [float(numbers[0][f'ate_m{end}']) for end in ('', '_low', '_high', '_n')] == [
-        0.012, 0.010, 0.017, 3.0]
-    assert numbers[0]['successes'] == '3' and numbers[2]['reasons'].endswith('no bag <at all>')
+        0.012, 0.010, 0.017, 6.0]
+    assert numbers[0]['successes'] == '6' and numbers[2]['reasons'].endswith('no bag <at all>')
     page = html_report('Benchmark', ['Stated.'], rows, RESULTS, ['Found.'], paper=paper)
     assert 'Found.' in page
     assert page.count('data:image/png;base64,') == 2 and 'no bag &lt;at all&gt;' in page
@@ -323,21 +323,20 @@ def test_p_is_that_of_wilcoxon() -> None:
         assert test.p == pytest.approx(stats.wilcoxon(a, b, method='exact').pvalue)
         assert test.difference.value == pytest.approx(np.median(a - b))
     assert Comparison.of(TEN + 1e-3, TEN).effect == 1.0
-    assert Comparison.of(TEN, TEN + 1e-3).sign == -1
+    assert Comparison.of(TEN, TEN + 1e-3).effect == -1.0
 
 
 def test_few_drives_show_nothing() -> None:
     """With five pairs the smallest p is 2 / 2^5."""
     assert Comparison.of(TEN[:5] + 1.0, TEN[:5]).p == 2.0 / 32.0
-    assert Comparison.of(TEN[:5] + 1.0, TEN[:5]).sign == 0
-    assert Comparison.of(TEN[:6] + 1.0, TEN[:6]).sign == 1
+    assert Comparison.of(TEN[:6] + 1.0, TEN[:6]).p == 2.0 / 64.0
 
 
 def test_a_failure_is_worse_than_any_error() -> None:
     lost = TEN.copy()
     lost[:7] = np.inf
     test = Comparison.of(lost, TEN)
-    assert test.sign == 1 and test.p == 2.0 / 2**7       # three pairs are equal
+    assert test.effect == 1.0 and test.p == 2.0 / 2**7       # three pairs are equal
     both = np.where(np.isinf(lost), np.inf, TEN)
     assert Comparison.of(lost, both).p == 1.0
     assert Comparison.of(lost, both).difference.count == 3

@@ -96,8 +96,8 @@ def test_the_report_counts_and_compares(drives, tmp_path):
     text = report_text(many, 2.6)
     assert '| flat | 6 | seen | 6 | 100 [61, 100] |' in text
     assert '6 stuck' in text
-    assert ('against blind: n = 6, effect -1.00, p = 0.031: a difference is shown; '
-            'alone arrived 6 against 0, p = 0.031.') in text
+    assert ('against blind: n = 6, effect -1.00, p = 0.031, q = 0.031: a difference is shown; '
+            'alone arrived 6 against 0, q = 0.031 of 2 tests.') in text
     write_all(many, 2.6, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {'navigation.md', 'navigation.csv',
                                                           'navigation.png'}
