@@ -115,7 +115,8 @@ class ReliefViews:
         sine = FIRST_SINE * 0.5**k
         flat = math.sqrt(1.0 - sine * sine)
         view = np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), sine])
-        seen, *sparse = self._cast(view, _LINES[k], _ALONG[k], _CAST[k])
+        along_y = bool(nodes.slant[node, 1])    # at 45 deg processors differ
+        seen, *sparse = self._cast(view, along_y, _LINES[k], _ALONG[k], _CAST[k])
         deviations, start = [], int(nodes.first[node])
         for level in range(LEVELS):
             if level:
@@ -130,19 +131,19 @@ class ReliefViews:
         nodes.spread[node] = (deviations[0], min(max(falls, 0.0), 2.0), min(max(
             math.log2(max(deviations[0], 1e-3) / max(deviations[1], 1e-3)), 0.0), 1.0))
 
-    def _cast(self, view: Array, lines: int, along: int, followed: int) -> tuple[F32, F32, F32]:
+    def _cast(self, view: Array, along_y: bool, lines: int, along: int,
+              followed: int) -> tuple[F32, F32, F32]:
         """Return the brightness over its mean of what is seen from a direction.
 
         (lines, along) of the sun; of it and of the higher one on one in _SPARSE lines.
         """
-        swapped = bool(abs(view[1]) > abs(view[0]))
         root = np.linspace(0.0, 1.0, _TABLE)**2
         laws = np.stack([hapke.reflectance(
             root[:, None], np.maximum(root, 0.02)[None, :], float(view @ sun), self._ground,
             albedo=self._albedo, theta_deg=self._theta_deg) for sun in self._suns])
         seen = np.empty((lines, along), np.float32)
         sparse = np.empty((2, lines // _SPARSE, along), np.float32)
-        _follow(*self._maps[swapped], (view[[1, 0, 2]] if swapped else view).astype(np.float32),
+        _follow(*self._maps[along_y], (view[[1, 0, 2]] if along_y else view).astype(np.float32),
                 laws.astype(np.float32), followed, seen, sparse)
         one, other, higher = (part / max(float(part.mean()), 1e-9) for part in (seen, *sparse))
         return one, other, higher
