@@ -13,6 +13,7 @@ in Markdown gives medians of the views. It asserts nothing.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 import csv
 import dataclasses
 from pathlib import Path
@@ -26,6 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from brightness import DIRECTIONS_DEG  # noqa: E402
 
 from lunar_rover_sim.base.frames import matrix_from_wxyz, se3, wxyz_from_rpy  # noqa: E402
+from lunar_rover_sim.ground.world.model import World  # noqa: E402
 from lunar_rover_sim.image.camera.config import FurtherCameraConfig  # noqa: E402
 from lunar_rover_sim.image.camera.mount import BodyMount  # noqa: E402
 from lunar_rover_sim.image.rendering.frame import StereoFrame  # noqa: E402
@@ -35,7 +37,7 @@ from lunar_rover_sim.rover.pose import RoverPose  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
 BANDS_M = (1.0, 2.0), (1.5, 4.0), (2.0, 4.0), (8.0, 20.0)
-PLACES_M = (1.5, -1.0), (-2.0, 2.5)
+_PLACES_M = (1.5, -1.0), (-2.0, 2.5)
 _LK = {'winSize': (15, 15), 'maxLevel': 3,
        'criteria': (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)}
 WILD_PX = 3.0          # beyond it a point is lost, not displaced
@@ -73,6 +75,17 @@ def measure(truth: StereoFrame, now: np.ndarray, before: np.ndarray) -> list[tup
     return rows
 
 
+def views(scenario: Scenario, world: World,
+          args: argparse.Namespace) -> Iterator[tuple[int, str, RoverPose, RoverPose]]:
+    """Yield place, direction, and the states before and after a step."""
+    pitch = matrix_from_wxyz(wxyz_from_rpy(0.0, np.radians(args.pitch), 0.0))
+    for place, (x, y) in enumerate(_PLACES_M):
+        for name, turn_deg in DIRECTIONS_DEG.items():
+            start = standing(world, x, y, scenario.render_node.sun.azimuth_deg + turn_deg)
+            yield (place, name, RoverPose(start),
+                   RoverPose(start @ se3(pitch, (args.step, 0.0, 0.0))))
+
+
 def rows_of(scenario: Scenario, seed: int, args: argparse.Namespace,
             done: set[tuple[str, ...]]) -> None:
     """Append what is missing of a world to the file."""
@@ -84,22 +97,18 @@ def rows_of(scenario: Scenario, seed: int, args: argparse.Namespace,
         mount = BodyMount(renderer.rig)
         cameras: dict[int, FurtherCamera] = {
             samples: renderer.add_camera(own, mount, seed, samples) for samples in args.samples}
-        for place, (x, y) in enumerate(PLACES_M):
-            for name, turn_deg in DIRECTIONS_DEG.items():
-                start = standing(world, x, y, node.sun.azimuth_deg + turn_deg)
-                pitch = matrix_from_wxyz(wxyz_from_rpy(0.0, np.radians(args.pitch), 0.0))
-                then, now = RoverPose(start), RoverPose(start @ se3(pitch, (args.step, 0.0, 0.0)))
-                truth = None
-                for samples, camera in cameras.items():
-                    key = (str(seed), str(place), name, str(samples))
-                    if key in done:
-                        continue
-                    if truth is None:
-                        truth = renderer.render(now, 1, ('optical_flow', 'depth'), then)
-                    left = [camera.render(state, k).left for k, state in enumerate((then, now))]
-                    with args.output.open('a', newline='') as file:
-                        csv.writer(file).writerows(
-                            (*key, *row) for row in measure(truth, left[1], left[0]))
+        for place, name, then, now in views(scenario, world, args):
+            truth = None
+            for samples, camera in cameras.items():
+                key = (str(seed), str(place), name, str(samples))
+                if key in done:
+                    continue
+                if truth is None:
+                    truth = renderer.render(now, 1, ('optical_flow', 'depth'), then)
+                left = [camera.render(state, k).left for k, state in enumerate((then, now))]
+                with args.output.open('a', newline='') as file:
+                    csv.writer(file).writerows(
+                        (*key, *row) for row in measure(truth, left[1], left[0]))
 
 
 def table(path: Path) -> str:

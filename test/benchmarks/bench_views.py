@@ -13,50 +13,39 @@ tests (Benjamini and Hochberg). It asserts nothing.
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-import sys
 
-from bench_sampling import klt_errors, PLACES_M, WILD_PX
+from bench_sampling import klt_errors, views, WILD_PX
+from brightness import DIRECTIONS_DEG
 import cv2
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from brightness import DIRECTIONS_DEG  # noqa: E402
-
-from lunar_rover_sim.base.frames import matrix_from_wxyz, se3, wxyz_from_rpy  # noqa: E402
-from lunar_rover_sim.image.rendering.snapshot import standing  # noqa: E402
-from lunar_rover_sim.judge.evaluation.statistics import adjusted, signed_rank_p  # noqa: E402
-from lunar_rover_sim.rover.pose import RoverPose  # noqa: E402
-from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
+from lunar_rover_sim.judge.evaluation.statistics import adjusted, signed_rank_p
+from lunar_rover_sim.run.scenario import Scenario
 
 BANDS_M = (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 20.0)
 
 
-def views(settings: list[str], seed: int, args: argparse.Namespace) -> dict[str, list[np.ndarray]]:
-    """Return direction → of each place (bands, 3): corners, share lost, error; ORB features."""
+def measured(settings: list[str], seed: int,
+             args: argparse.Namespace) -> dict[str, list[np.ndarray]]:
+    """Return direction → of each place (bands, 4): corners, share lost, error; ORB features."""
     scenario = Scenario.load(args.scenario, [
         f'render_node.sun.elevation_deg={args.elevation}',
         'render_node.sensor.exposure_mode=sunlit', *settings], seed=seed)
     world, found = scenario.load_world(), {name: [] for name in DIRECTIONS_DEG}
-    pitch = matrix_from_wxyz(wxyz_from_rpy(0.0, np.radians(args.pitch), 0.0))
     orb = cv2.ORB_create(5000)
     with scenario.renderer(world) as renderer:
-        for x, y in PLACES_M:
-            for name, turn_deg in DIRECTIONS_DEG.items():
-                start = standing(world, x, y, scenario.render_node.sun.azimuth_deg + turn_deg)
-                then, now = RoverPose(start), RoverPose(start @ se3(pitch, (args.step, 0.0, 0.0)))
-                before = renderer.render(then, 0, ('left',)).picture('left')
-                frame = renderer.render(now, 1, ('left', 'optical_flow', 'depth'), then)
-                error, depth = klt_errors(frame, frame.picture('left'), before)
-                features = len(orb.detect(frame.picture('left')))
-                rows = []
-                for near, far in BANDS_M:
-                    own = error[(depth > near) & (depth < far)]
-                    good = own[own < WILD_PX]
-                    rows.append((len(good), 1.0 - len(good) / max(len(own), 1),
-                                 np.median(good) if len(good) else np.nan, features))
-                found[name].append(np.array(rows))
+        for _, name, then, now in views(scenario, world, args):
+            before = renderer.render(then, 0, ('left',)).picture('left')
+            frame = renderer.render(now, 1, ('left', 'optical_flow', 'depth'), then)
+            error, depth = klt_errors(frame, frame.picture('left'), before)
+            features = len(orb.detect(frame.picture('left')))
+            rows = []
+            for near, far in BANDS_M:
+                own = error[(depth > near) & (depth < far)]
+                good = own[own < WILD_PX]
+                rows.append((len(good), 1.0 - len(good) / max(len(own), 1),
+                             np.median(good) if len(good) else np.nan, features))
+            found[name].append(np.array(rows))
     return found
 
 
@@ -70,7 +59,7 @@ def main() -> None:
     parser.add_argument('--step', type=float, default=0.03)
     parser.add_argument('--pitch', type=float, default=1.0)
     args = parser.parse_args()
-    both = [[views(settings, seed, args) for seed in args.seeds] for settings in ([], args.set)]
+    both = [[measured(settings, seed, args) for seed in args.seeds] for settings in ([], args.set)]
     cells, p = [], []
     for name in DIRECTIONS_DEG:
         first, second = (np.array([view for world in state for view in world[name]])

@@ -178,9 +178,10 @@ class Band:
                          source.shadow.silhouette(), seen.shadow, own['of_rover'])
         else:
             own['of_rover'][:] = 1.0
-        views, far = texels.views, False
-        if views is not None:
-            far, own['of_grid'][:] = self._find_views(seen, views), own['lit']
+        views = texels.views
+        far = views is not None and self._find_views(seen, views)
+        if far:
+            own['of_grid'][:] = own['lit']
         relief_factor(*get(f'{"near" if far else "depth"} slope_x slope_y vx vy vz detail'),
                       seen.factor, texels.factor, own['factor'])
         shade(*get('depth x y vx vy vz slope_x slope_y lit albedo detail slope_ax slope_ay '
@@ -190,8 +191,7 @@ class Band:
               *get('cos_i cos_e cos_g theta more_c sunlit normal_x normal_y normal_z kept'))
         if views is not None and far:
             seen_relief(*get('depth far rank turn place_x place_y vx vy vz slope_x slope_y'),
-                        np.float32(view.pixel), seen.factor, seen.factor[6], *views.nodes,
-                        own['seen'])
+                        np.float32(view.pixel), seen.factor, *views.nodes, own['seen'])
             light_of_views(*get('far of_grid of_rover beside kept slope_x slope_y vx vy vz'),
                            constants.sun, constants.theta, constants.trodden, tracks is not None,
                            *get('lit cos_i cos_e theta seen'))
@@ -201,12 +201,10 @@ class Band:
                     constants.diffuse, *get('direct whole'))
         if far:
             factor_of_views(*get('seen direct whole relief'))
-        else:
-            own['relief'][:] = 1.0
-        if add:     # the factors of an image are those of its first source
-            own['whole'] *= own['relief']
-        elif image.relief is not None:
-            spread(self.rows, row, own['relief'], image.relief, False)
+            if image.relief is not None and not add:
+                spread(self.rows, row, own['relief'], image.relief, False)
+            else:   # the factors of an image are those of its first source
+                own['whole'] *= own['relief']
         if source.lamp is not None:
             lamp = source.lamp
             lamp_on(*get('depth x y z vx vy vz slope_x slope_y normal_x normal_y normal_z kept'),

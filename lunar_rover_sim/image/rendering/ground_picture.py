@@ -68,7 +68,7 @@ class Part:
         if self.lit:    # read where there is ground
             image.radiance = np.empty(size, np.float32)
         if self.lit and self.sources[0].texels.views is not None:
-            image.relief = np.empty(size, np.float32)
+            image.relief = np.ones(size, np.float32)
         if self.lit and self.colour:
             image.tint = np.empty(size, np.uint32)
         if self.truth:

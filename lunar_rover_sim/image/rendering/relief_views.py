@@ -287,7 +287,7 @@ def _follow(heights, lit, higher, view, laws, followed,  # type: ignore[no-untyp
     sight, facing, root = (np.full(followed, np.float32(-1e9)), np.empty(followed, np.float32),
                            np.empty(followed, np.float32))
     light, faces = np.zeros(followed, np.float32), np.zeros(followed, np.float32)
-    thinned = np.zeros((2, followed), np.float32)
+    of_higher = np.zeros(followed, np.float32)
     areas = np.empty((along, lines), np.float32)
     sparse_areas = np.empty((along, sparse.shape[1]), np.float32)
     for step in range(-before, n):
@@ -307,17 +307,15 @@ def _follow(heights, lit, higher, view, laws, followed,  # type: ignore[no-untyp
         _roll(lit[i], row, share)
         _roll(higher[i], row, other)
         _add(share[nearest:], facing, root, every, 1, laws[0], light)
-        _add(share[nearest:], facing, root, every, thin, laws[0], thinned[0])
-        _add(other[nearest:], facing, root, every, thin, laws[1], thinned[1])
+        _add(other[nearest:], facing, root, every, thin, laws[1], of_higher)
         faces += facing
         if (step + 1) % long == 0:
             u = x // long
             seen[:, u] = light.reshape(lines, followed // lines).sum(axis=1)
             areas[u] = faces.reshape(lines, followed // lines).sum(axis=1)
-            for k in range(2):
-                sparse[k, :, u] = thinned[k, ::thin]
+            sparse[0, :, u], sparse[1, :, u] = light[::thin], of_higher[::thin]
             sparse_areas[u] = faces[::thin]
-            light[:], faces[:], thinned[:] = zero, zero, zero
+            light[:], faces[:], of_higher[:] = zero, zero, zero
     _divide(seen, areas, from_east)
     for k in range(2):
         _divide(sparse[k], sparse_areas, from_east)
@@ -335,9 +333,7 @@ def _divide(light, areas, from_east):  # type: ignore[no-untyped-def]
         u = k % along
         u = along - 1 - u if from_east else u
         for line in range(lines):
-            own, area = light[line, u], areas[u, line]
-            if k >= along:
-                # The first time around it is not replaced yet.
-                light[line, u] = (own + beside * last[line]) / max(area + beside,
-                                                                   np.float32(1e-9))
-            last[line] = (own + beside * last[line]) / max(area + beside, np.float32(1e-9))
+            last[line] = ((light[line, u] + beside * last[line])
+                          / max(areas[u, line] + beside, np.float32(1e-9)))
+            if k >= along:      # the first time around what follows still takes the light
+                light[line, u] = last[line]

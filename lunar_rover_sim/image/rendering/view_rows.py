@@ -40,13 +40,13 @@ def _share(part):  # type: ignore[no-untyped-def]
 
 @vectorised
 def nodes_of(depth, x, y, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-untyped-def]
-             centre, count, number, far, near, rank, turn, wanted):
+             centre, azimuths, number, far, near, rank, turn, wanted):
     """Find which textures pixels of a band see.
 
     Args:
         depth, x, y, vx, vy, vz, slope_x, slope_y: (n,) as other loops fill them in.
         centre: Place of the middle of all cameras [m], reach of relief with shape [m].
-        count, number: As `ViewNodes` has them.
+        azimuths, number: As `ViewNodes` has them.
         far: (n,) filled in: share of the light that textures have.
         near: (n,) filled in: depth where they have not all of it, elsewhere 0.
         rank: (n,) filled in: elevation of the view, as a place between nodes.
@@ -54,9 +54,9 @@ def nodes_of(depth, x, y, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-untyp
         wanted: (nodes,) those that are seen are set.
 
     Returns:
-        How many pixels that see other textures than the one before; 0 where none is seen.
+        Whether any is seen.
     """
-    seen = 0
+    seen = False
     for c in range(len(depth) // _N):
         i = c * _N
         if not any_positive(depth, i):
@@ -83,10 +83,10 @@ def nodes_of(depth, x, y, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-untyp
             own = own if far[j] > _ZERO else last
             if own != last:
                 last = own
-                seen += 1
+                seen = True
                 first = int(rank[j])
-                for elevation in range(first, min(first + 2, len(count))):
-                    n = count[elevation]
+                for elevation in range(first, min(first + 2, len(azimuths))):
+                    n = azimuths[elevation]
                     place = turn[j] * np.float32(n)
                     a = int(place)
                     share = _share(place - np.float32(a))
@@ -156,8 +156,8 @@ def _add_node(s, place, which, count, codes, first, begins,  # type: ignore[no-u
 
 @vectorised
 def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-untyped-def]
-                vx, vy, vz, slope_x, slope_y, pixel, sun, level_ground, codes, first, side, number,
-                count, slant, spread, result):
+                vx, vy, vz, slope_x, slope_y, pixel, sun, codes, first, side, number, azimuths,
+                slant, spread, result):
     """Fill in the brightness of the relief that pixels see, over its mean.
 
     Args:
@@ -165,14 +165,13 @@ def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-unt
         far, rank, turn: (n,) as `nodes_of` fills them in.
         place_x, place_y: (n,) in periods of the coarse tile, as `relief_of` has them.
         pixel: Size of one at depth 1.
-        sun: Unit vector to it over level ground, from 3 on.
-        level_ground: Tangent of its elevation there.
+        sun: As for `relief_brightness.relief_factor`.
         codes to spread: As `ViewNodes`.
         result: (n,).
     """
-    s, place = np.empty(23 * _PAGE, np.float32), np.empty(5 * _PAGE, np.int32)
+    s, place = np.empty(21 * _PAGE, np.float32), np.empty(5 * _PAGE, np.int32)
     which, some = np.empty(_N, np.int64), np.empty(_N, np.int64)
-    deepest = len(count) - 1
+    deepest = len(azimuths) - 1
     for c in range(len(depth) // _N):
         i = c * _N
         if not any_positive(far, i):
@@ -185,7 +184,7 @@ def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-unt
             fine = log2(max(depth[i + j] * pixel * max(sine, _LEAST_SINE), _TINY)) - _PIXEL_M
             s[_FINE + j] = max(fine, _FINER)
             s[_LEVEL + j] = min(max(np.rint(s[_FINE + j]), _ZERO), _COARSEST)
-            height = (sun[5] - p * sun[3] - q * sun[4]) / level_ground
+            height = (sun[5] - p * sun[3] - q * sun[4]) / sun[6]
             s[_HEIGHT + j] = min(max(log2(max(height, _TINY)), _LOWEST_SUN), _HIGHEST_SUN)
         for j in range(_N):
             u, v = place_x[i + j], place_y[i + j]
@@ -199,7 +198,7 @@ def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-unt
                 low, high, least, most = min(low, k), max(high, k), min(least, level), max(most,
                                                                                            level)
         for elevation in range(low, min(high + 1, deepest) + 1):
-            n, base = np.float32(count[elevation]), number[elevation]
+            n, base = np.float32(azimuths[elevation]), number[elevation]
             for level in range(least, most + 1):
                 few, own, of_level = NO_PIXELS, np.float32(elevation), np.float32(level)
                 for j in range(_N):
