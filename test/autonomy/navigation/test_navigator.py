@@ -145,6 +145,28 @@ def test_it_cuts_no_corner_at_a_rock_that_it_sees_late():
     assert min(apart) > RADIUS_M - 0.5 * CELL
 
 
+@pytest.mark.parametrize('ahead_m', [0.05, 0.1])
+def test_where_no_arc_is_clear_it_stands_and_then_backs_off(ahead_m):
+    """All that leads on is a gap right before it, which is narrower than its circle."""
+    rover = made(ground())
+    for _ in range(25):
+        rover.step()
+    x, near, far = rover.x, rover.x + ahead_m, rover.x + ahead_m + 0.05
+    rover.cost = ground((near, far, 0.1, 4.0), (near, far, -4.0, -0.1))
+    places = []
+    while not rover.navigator.backed_off and len(rover.commands) < 200:
+        rover.step()
+        places.append(rover.x)
+    stood = rover.commands[25:-1]
+    assert 'no arc along the plan is clear' in {command.reason for command in stood}
+    assert not any(command.forward_mps for command in stood)
+    assert rover.commands[-1].forward_mps < 0.0
+    for _ in range(100):
+        rover.step()
+        places.append(rover.x)
+    assert max(places) <= x and rover.x < x - 0.2
+
+
 def test_a_goal_that_is_enclosed_is_given_up_after_a_look_around():
     box = [(1.0, 3.0, -1.0, -0.8), (1.0, 3.0, 0.8, 1.0), (1.0, 1.2, -1.0, 1.0),
            (2.8, 3.0, -1.0, 1.0)]
