@@ -13,7 +13,6 @@ import ast
 from collections import Counter
 from collections.abc import Iterable
 from configparser import ConfigParser
-import importlib
 import inspect
 import itertools
 from pathlib import Path
@@ -186,17 +185,16 @@ def _arguments(records: Iterable[tuple[str, str]]) -> list[str]:
 
 
 def python_table() -> str:
-    """Return the public names and the modules beside them, each with its subject."""
+    """Return the public names with their meanings, and the modules beside them by subject."""
     def subject(item: object) -> str:
         return cell((inspect.getdoc(item) or '').partition('\n')[0])
 
     rows = [f'| `{name}` | {subject(getattr(lunar_rover_sim, name))} |'
             for name in lunar_rover_sim.__all__]
-    lines = ['| name | meaning |', '|---|---|', *rows, '', '| module | subject |', '|---|---|']
-    for name in itertools.chain(*MODULES.values()):
-        module = importlib.import_module(f'lunar_rover_sim.{name}')
-        lines.append(f'| `{module.__name__}` | {subject(module)} |')
-    return '\n'.join(lines)
+    modules = [f'| {title} | {", ".join(f"`{name}`" for name in names)} |'
+               for title, names in MODULES.items()]
+    return '\n'.join(['| name | meaning |', '|---|---|', *rows, '',
+                      '| subject | modules of `lunar_rover_sim` |', '|---|---|', *modules])
 
 
 def python_page() -> str:
