@@ -1,4 +1,4 @@
-"""What the command line makes of its words, without running the command."""
+"""What the command line makes of its words, without running the command, and what it says."""
 
 from typing import Any
 from unittest import mock
@@ -11,3 +11,8 @@ def given(*words: str) -> dict[str, Any]:
     with mock.patch('click.Command.invoke', lambda command, context: context.params):
         found: Any = execute(words)
     return dict(found)
+
+
+def unfolded(said: str) -> str:
+    """Return errors that are folded to 100 columns, each on one line."""
+    return said.replace('\n  ', ' ')

@@ -12,6 +12,7 @@ import sys
 import threading
 from typing import Any
 
+from command_line import unfolded
 from conftest import PLAIN, SMALL, SOFT
 import psutil
 import pytest
@@ -110,7 +111,7 @@ def test_bad_input_reads_as_on_the_command_line(name: str, arguments: dict, opti
         Scenario.load(name, **arguments)
     assert message in str(raised.value)
     assert main(['run', name, '-o', str(tmp_path / 'run'), *options]) == 1
-    assert capsys.readouterr().err.endswith(f'{raised.value}\n')
+    assert unfolded(capsys.readouterr().err).endswith(f'{raised.value}\n')
 
 
 @pytest.mark.parametrize('overrides', [
@@ -180,7 +181,8 @@ def test_a_folder_that_cannot_be_made_reads_as_on_the_command_line(
     said = str(raised.value)
     assert said.startswith(f'folder: {message}')
     assert main(['run', 'flat', '-o', str(output)]) == 1
-    assert capsys.readouterr().err == 'lunar_rover_sim: --output' + said[len('folder'):] + '\n'
+    printed = unfolded(capsys.readouterr().err)
+    assert printed == 'lunar_rover_sim: --output' + said[len('folder'):] + '\n'
 
 
 def test_a_scenario_is_shown_in_one_short_line() -> None:

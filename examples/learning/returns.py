@@ -40,6 +40,8 @@ def main() -> None:
     parser.add_argument('--grounds', nargs='+', default=['highland', 'rigid'])
     parser.add_argument('--episodes', type=int, default=20)
     args = parser.parse_args()
+    for name in args.policies:
+        Policy(name)    # what cannot be read is refused before anything walks
     found = {}
     for case in itertools.product(args.grounds, (PACKAGED, STANDING, RANDOM, *args.policies)):
         print(*case, file=sys.stderr)

@@ -11,7 +11,9 @@ from collections.abc import Iterable
 import difflib
 import os
 import reprlib
+import textwrap
 
+PIPE_COLUMNS = 100      # of what is printed where there is no terminal
 _MAX_CHARACTERS = 1500
 
 
@@ -110,6 +112,12 @@ def one_line(reason: object) -> str:
     """Return a text, or the text of an error or else the name of its class, on one line."""
     return ' '.join(str(reason).split()) or (
         type(reason).__name__ if isinstance(reason, BaseException) else '')
+
+
+def folded(line: str, columns: int = PIPE_COLUMNS) -> str:
+    """Return a line folded to a width; words as long as paths stay whole."""
+    return textwrap.fill(line, columns, subsequent_indent='  ', break_long_words=False,
+                         break_on_hyphens=False)
 
 
 def did_you_mean(name: str, valid: Iterable[str]) -> str:

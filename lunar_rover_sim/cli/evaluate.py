@@ -18,7 +18,8 @@ from lunar_rover_sim.judge.evaluation.image_comparison import (compare_images, D
                                                                save_comparison)
 from lunar_rover_sim.judge.evaluation.image_statistics import MEASURES
 from lunar_rover_sim.judge.evaluation.map_evaluation import CELL_M, evaluate_maps, NEAR_M, Rates
-from lunar_rover_sim.judge.evaluation.registration import MODES
+from lunar_rover_sim.judge.evaluation.registration import (DEFAULT_TOLERANCE_S, MODES,
+                                                           MOST_TOLERANCE_S)
 from lunar_rover_sim.judge.evaluation.statistics import Difference, SeriesMean
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate, Evaluation
 from lunar_rover_sim.judge.evaluation.trajectory_files import bag_of, load, write_tum_covariance
@@ -60,12 +61,12 @@ def check_bounds(ate_m: float, tracked_share: float, max_ate: float | None,
 @click.option('--estimate-frame', type=options.Choice(tuple(FRAMES)), default='base',
               help='the frame of the rover that the estimate is of; that of ORB-SLAM3 is left, '
               'with an IMU imu')
-@click.option('--tolerance', type=float, default=0.02, metavar='S', help='largest distance in '
-              'time between an estimated and a true pose [s]')
-@click.option('--distance', type=float, default=1.0, metavar='M',
-              help='distance between the poses of a pair for RPE [m]')
-@click.option('--time', type=float, default=1.0, metavar='S',
-              help='time between the poses of a pair for RPE [s]')
+@options.bounded('--tolerance', 0.0, MOST_TOLERANCE_S, unit='s', default=DEFAULT_TOLERANCE_S,
+                 metavar='S', help='largest distance in time between an estimated and a true pose')
+@options.bounded('--distance', 0.0, above=True, unit='m', default=1.0, metavar='M',
+                 help='distance between the poses of a pair for RPE')
+@options.bounded('--time', 0.0, above=True, unit='s', default=1.0, metavar='S',
+                 help='time between the poses of a pair for RPE')
 @click.option('--times', type=options.PATH, metavar='FILE',
               help='stamps of KITTI files, one a line')
 @options.folder('folder for evaluation.json, plots and, of an estimate with covariances, '

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import click
 
 from lunar_rover_sim import __version__
-from lunar_rover_sim.base.errors import ConfigError, did_you_mean, LunarRoverSimError, one_line
+from lunar_rover_sim.base.errors import (ConfigError, did_you_mean, folded, LunarRoverSimError,
+                                         one_line, PIPE_COLUMNS)
 from lunar_rover_sim.base.process import check_open_files
 
 NAME = 'lunar_rover_sim'
@@ -259,12 +260,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _complain(text: str) -> None:
-    """Print an error: folded to a terminal, on one line for programs and files."""
-    line = f'{NAME}: {text}'
-    if sys.stderr.isatty():
-        from lunar_rover_sim.cli.terminal import folded  # not for help, which is quick
-        line = folded(line, os.get_terminal_size(sys.stderr.fileno()).columns)
-    print(line, file=sys.stderr)
+    """Print an error, folded to the terminal, or to 100 columns in a pipe or a file."""
+    columns = (os.get_terminal_size(sys.stderr.fileno()).columns if sys.stderr.isatty()
+               else PIPE_COLUMNS)
+    print(folded(f'{NAME}: {text}', columns), file=sys.stderr)
 
 
 def _in_words(error: OSError | MemoryError) -> str:

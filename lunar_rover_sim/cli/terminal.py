@@ -10,7 +10,6 @@ from collections.abc import Iterable, Sequence
 import contextlib
 import os
 import sys
-import textwrap
 import threading
 import time
 from typing import Any
@@ -22,9 +21,9 @@ from rich.table import Table
 from rich.text import Text
 
 from lunar_rover_sim.base.compilation import COMPILATION, WORDS
+from lunar_rover_sim.base.errors import folded, PIPE_COLUMNS
 from lunar_rover_sim.base.files.results import json_text
 
-PIPE_COLUMNS = 100      # of tables and parameters where there is no terminal
 PIPE_FIRST_S = 3.0      # before the first line of progress in a pipe
 PIPE_PERIOD_S = 10.0    # between such lines
 _CUT = '…'              # what rich puts in the place of text
@@ -35,12 +34,6 @@ def say(text: object = '') -> None:
     width = console().width
     for line in str(text).split('\n'):
         print(folded(line, width), flush=True)
-
-
-def folded(line: str, columns: int) -> str:
-    """Return a line folded to a width; words as long as paths stay whole."""
-    return textwrap.fill(line, columns, subsequent_indent='  ', break_long_words=False,
-                         break_on_hyphens=False)
 
 
 def console() -> Console:
@@ -200,8 +193,7 @@ class Progress:
         while not self._ended.wait(period_s):
             period_s = PIPE_PERIOD_S
             with contextlib.suppress(OSError, ValueError):      # nobody reads any more
-                print(folded(f'{self._text}: {self.told()}', PIPE_COLUMNS), file=sys.stderr,
-                      flush=True)
+                print(folded(f'{self._text}: {self.told()}'), file=sys.stderr, flush=True)
 
     def __enter__(self) -> Progress:
         if self._bar is not None:

@@ -13,11 +13,9 @@ import numpy as np
 from sensor_msgs.msg import Imu, JointState
 
 from lunar_rover_sim.autonomy.learning.controller import PolicyController
-from lunar_rover_sim.autonomy.learning.policy_file import policy_names
 from lunar_rover_sim.autonomy.learning.senses import Sample
 from lunar_rover_sim.bag.messages import time_ns, xyz
 from lunar_rover_sim.base import topics
-from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.leg_controller import LegControllerNode
@@ -44,9 +42,6 @@ class PolicyNode(LegControllerNode):
     def make_controller(self, config: PolicyNodeConfig,
                         rover: RoverDescription) -> PolicyController:
         """Return the controller of the policy."""
-        if not config.policy:
-            raise ConfigError('policy: not given; valid is a file, or '
-                              + (', '.join(policy_names()) or 'the name of a packaged policy'))
         self._policy = PolicyController.load(config.policy, rover)
         card = self._policy.policy.card
         self.get_logger().info(f'policy {self._policy.policy.path}: {card.task} of {card.rover} on'

@@ -90,6 +90,7 @@ def resolve(scenario: Scenario) -> Scenario:
     Raises:
         ConfigError: If the scenario says where the bag is, or nobody gives what a node maps or
             drives by.
+        LearningError: If the policy to walk by cannot be used.
     """
     check_sources(scenario)
     for name in ('output', 'scenario_file'):
@@ -344,10 +345,14 @@ def check_goals(scenario: Scenario) -> None:
 
 
 def check_sources(scenario: Scenario) -> None:
-    """Raise ConfigError if nobody gives the depth that is mapped, or the pose to drive by.
+    """Check that somebody gives the depth that is mapped, the pose to drive by, and the policy.
 
-    A program of the user may give them: time waits for it, or its topic is a participant's. Where
-    physics runs elsewhere, so may the others.
+    A program of the user may give depth and pose: time waits for it, or its topic is a
+    participant's. Where physics runs elsewhere, so may the others.
+
+    Raises:
+        ConfigError: If nobody gives depth or pose.
+        LearningError: If there is no such policy, or it is not for the rover.
     """
     nodes, depth = scenario.run.nodes, scenario.mapping_node.depth
     given = {*scenario.physics_node.wait.topics, *scenario.shared.participants}
@@ -360,6 +365,8 @@ def check_sources(scenario: Scenario) -> None:
                 and topic.name not in given):
             raise ConfigError(f'{name}: {value!r} is not valid without {topic.node} in run.nodes'
                               f'{option}, or {topic.name} in physics_node.wait.topics')
+    if 'policy_node' in nodes:
+        with_policy(scenario, scenario.policy_node.policy)
 
 
 def with_route(scenario: Scenario, shape: str, avoid: bool) -> Scenario:

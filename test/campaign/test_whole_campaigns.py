@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 
+from command_line import unfolded
 from conftest import command, PLAIN, processes_naming
 import pytest
 from waiting import LIMIT_S, wait_until
@@ -142,4 +143,5 @@ def test_a_scheduler_that_is_not_there_is_named(
     (tmp_path / 'blind.yaml').write_text(BLIND)
     assert main(['campaign', str(tmp_path / 'blind.yaml'), '-o', str(tmp_path / 'data'),
                  '--scheduler', 'tcp://127.0.0.1:9']) == 1
-    assert '--scheduler tcp://127.0.0.1:9: no Dask scheduler answers' in capsys.readouterr().err
+    said = unfolded(capsys.readouterr().err)
+    assert '--scheduler tcp://127.0.0.1:9: no Dask scheduler answers' in said

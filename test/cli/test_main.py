@@ -14,7 +14,7 @@ import termios
 import time
 from typing import Any
 
-from command_line import given
+from command_line import given, unfolded
 import pytest
 import worlds
 
@@ -54,6 +54,11 @@ BAD_INPUT = {
     'run flat -o {new} --duration nan': (1, 'run.duration_s: nan is not a finite number'),
     'run flat -o {new} --duration -3': (1, 'run.duration_s: -3.0 is not valid; valid is > 0'),
     'validate odometry --duration nan': (1, '--duration: nan is not valid; valid is'),
+    **{f'run flat -o {{new}} --set rover.motor.stall_torque_nm={value}': (
+        1, f'stall_torque_nm: {said} is not valid; valid is 1e-06 to 1000 [N m]')
+       for value, said in (('1e300', '1e+300'), ('1e30', '1e+30'))},
+    'run flat -o {new} --set physics_node.contact.stiffness_npm=nan': (
+        1, "contact.stiffness_npm: 'nan' is not a number"),
     'run flat -o {new} --goal 1': (1, "--goal '1': is no place; valid is X,Y [m]"),
     'run flat -o {new} --goal 1e9,0': (1, 'goal: x 1e+09 m, y 0 m is beyond the site; valid are '
                                           '-2000 to 2000 m, see world.site_km'),
@@ -64,6 +69,11 @@ BAD_INPUT = {
     'slam run x -o {new} --timeout nan': (1, '--timeout: nan is not valid; valid is >= 0 [s]'),
     'slam run x -o {new} --max-ate nan': (1, '--max-ate: nan is not valid; valid is > 0 [m]'),
     'evaluate x y --min-tracked nan': (1, '--min-tracked: nan is not valid; valid is 0 to 1'),
+    **{f'evaluate x y --tolerance {bad}': (
+        1, f'--tolerance: {bad} is not valid; valid is 0 to 1000 [s]')
+       for bad in ('inf', 'nan', '-0.02')},
+    'evaluate x y --distance inf': (1, '--distance: inf is not valid; valid is > 0 [m]'),
+    'evaluate x y --time 0': (1, '--time: 0 is not valid; valid is > 0 [s]'),
     'slam run x -o {new} --doubt 5': (1, '--doubt: needs --orbital'),
     'run flat -o {new} --slam graph --doubt 5': (1, '--doubt: needs --orbital'),
     'run flat -o {new} --goal 2,0 --set mapping_node.depth=lidar': (
@@ -144,19 +154,38 @@ def _world(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize('line', BAD_INPUT)
-def test_bad_input_is_one_line(line: str, world: Path, tmp_path: Path,
-                               capsys: pytest.CaptureFixture[str]) -> None:
-    """Nothing on stdout, nothing written."""
+def test_bad_input_is_one_short_error(line: str, world: Path, tmp_path: Path,
+                                      capsys: pytest.CaptureFixture[str]) -> None:
+    """Folded to 100 columns, in which paths stay whole; nothing on stdout, nothing written."""
     status, words = BAD_INPUT[line]
     assert main(line.format(new=tmp_path / 'new', world=world).split()) == status
     said = capsys.readouterr()
     # A slow machine tells its progress.
-    error, = (line for line in said.err.splitlines()
+    assert all(len(line) <= 100 or len(line.split()) == 1 for line in said.err.splitlines())
+    error, = (line for line in unfolded(said.err).splitlines()
               if not line.startswith(('building the world: ', 'driving: ')))
     assert error.startswith('lunar_rover_sim: ') and words in error
     assert not said.out and not list(tmp_path.iterdir())
     error = error.replace(str(tmp_path), '').replace(str(world), 'moon')
     assert len(error) < 160     # two lines of a terminal
+
+
+@pytest.mark.parametrize(('line', 'words'), [
+    ('run dem', 'not_set: no such file; --set world.path=FILE'),
+    ('run flat --policy nope.onnx', 'nope.onnx: cannot be read: no such file'),
+    ('run flat --policy nope', 'nope: no such policy; valid are'),
+    ('run flat --set run.nodes=[physics_node,policy_node,recorder_node] '
+     '--set policy_node.policy=nope.onnx', 'nope.onnx: cannot be read: no such file'),
+    ('run flat --set run.nodes=[physics_node,policy_node,recorder_node]',
+     'policy: not given; valid is a file, or ')])
+def test_what_a_run_lacks_is_said_before_a_world_is_built(
+        line: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path / 'cache'))
+    assert main([*line.split(), '-o', str(tmp_path / 'new')]) == 1
+    error, = unfolded(capsys.readouterr().err).splitlines()
+    assert words in error and not (tmp_path / 'new').exists()
+    assert {path.suffix for path in tmp_path.rglob('*') if path.is_file()} <= {'.lock'}
 
 
 def test_ctrl_c_while_classes_are_imported_is_no_error(monkeypatch: pytest.MonkeyPatch,
@@ -173,15 +202,15 @@ def test_ctrl_c_while_classes_are_imported_is_no_error(monkeypatch: pytest.Monke
 
 
 def test_an_error_is_folded_to_a_terminal() -> None:
-    """Between words; the words are those of the one line elsewhere."""
+    """Between words; to 100 columns elsewhere."""
     words = [sys.executable, '-m', 'lunar_rover_sim.cli.main', 'run', 'nowhere', '-o', 'new']
     plain = subprocess.run(words, capture_output=True, text=True).stderr
     screen, behind = pty.openpty()
     fcntl.ioctl(behind, termios.TIOCSWINSZ, struct.pack('4H', 24, 60, 0, 0))
     subprocess.run(words, stderr=behind)
     lines = os.read(screen, 4096).decode().splitlines()
-    assert max(map(len, lines)) <= 60 < len(plain) and plain.count('\n') == 1
-    assert ' '.join(' '.join(lines).split()) == plain.strip()
+    assert max(map(len, lines)) <= 60 < max(map(len, plain.splitlines())) <= 100
+    assert unfolded('\n'.join(lines)) == unfolded(plain).strip()
     os.close(screen)
     os.close(behind)
 
@@ -267,7 +296,7 @@ def test_parameters_are_found(columns: str, width: int, capsys: pytest.CaptureFi
 def test_a_parameter_without_its_section_is_offered(text: str, offered: str, tmp_path: Path,
                                                     capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['render', 'flat', '-o', str(tmp_path / 'x'), '--set', f'{text}=5']) == 1
-    assert offered in capsys.readouterr().err
+    assert offered in unfolded(capsys.readouterr().err)
 
 
 def test_progress_in_a_pipe(capsys: pytest.CaptureFixture[str],

@@ -3,6 +3,7 @@
 from pathlib import Path
 import time
 
+from command_line import unfolded
 import pytest
 
 from lunar_rover_sim.base.errors import StudyError
@@ -65,7 +66,7 @@ def lines(words: list[str], capsys: pytest.CaptureFixture[str]) -> list[str]:
     start = time.process_time()
     status = main(words)
     assert time.process_time() - start < 5.0, words
-    said = capsys.readouterr().err.splitlines()
+    said = unfolded(capsys.readouterr().err).splitlines()
     assert status == 1, (words, said)
     return said
 

@@ -6,6 +6,7 @@ import json
 import os
 
 import camera_scene as scene
+from command_line import unfolded
 from conftest import PLAIN
 import cv2
 import numpy as np
@@ -53,7 +54,7 @@ def test_render_writes_all_layers(folder, tmp_path, capsys):
     # From 3 m the same ground is farther away.
     assert np.load(out / '001_depth_m.npy')[235].min() > 5 * depth[235].min()
     assert main(['render', 'baseline', '--world', str(folder), '-o', str(out)]) == 1
-    assert 'exists; name a new folder' in capsys.readouterr().err
+    assert 'exists; name a new folder' in unfolded(capsys.readouterr().err)
 
 
 def test_a_twist_blurs_the_images_and_nothing_else(folder, tmp_path):
@@ -88,14 +89,14 @@ def test_validate_stereo(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert 'bad-1' in printed and 'median signed error' in printed
     assert main(['validate', 'stereo', 'baseline', '-n', '0', '-o', str(tmp_path / 'x')]) == 1
-    assert '--frames: 0 is not valid; valid is >= 1' in capsys.readouterr().err
+    assert '--frames: 0 is not valid; valid is >= 1' in unfolded(capsys.readouterr().err)
 
 
 def test_a_lens_that_folds_the_image_is_refused(folder, tmp_path, capsys):
     out = tmp_path / 'frames'
     assert main(['render', 'baseline', '--world', str(folder), '-o', str(out), '--set',
                  'render_node.camera.distortion=[-1.5, 0, 0, 0, 0]']) == 1
-    said = capsys.readouterr().err.strip()
+    said = unfolded(capsys.readouterr().err).strip()
     assert 'distortion: [-1.5, 0.0,' in said and '\n' not in said
     assert not out.exists() or not list(out.iterdir())
 
@@ -152,6 +153,6 @@ def test_a_picture_that_cannot_be_written_is_an_error(folder, tmp_path, monkeypa
     monkeypatch.setattr(os, 'fsync', full)
     assert main(['render', 'flat', '--world', str(folder), *TINY, *BARE, '-o',
                  str(tmp_path / 'frames')]) == 1
-    said = capsys.readouterr().err.splitlines()[-1]     # after progress on a busy machine
+    said = unfolded(capsys.readouterr().err).splitlines()[-1]   # after progress on a busy machine
     assert '000_left.png: cannot be written: No space left' in said
     assert not list((tmp_path / 'frames').iterdir())

@@ -4,6 +4,7 @@ import dataclasses
 import json
 from pathlib import Path
 
+from command_line import unfolded
 import numpy as np
 import pytest
 import synthetic_bag
@@ -63,7 +64,7 @@ def test_tables_show_what_is_in_brackets_and_between_colons(
 def test_pictures_do_not_go_into_the_bag(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = sorted(bag.iterdir())
     assert main(['bag', 'preview', str(bag), '-o', str(bag / '..' / bag.name)]) == 1
-    assert 'is the bag itself; name another folder' in capsys.readouterr().err
+    assert 'is the bag itself; name another folder' in unfolded(capsys.readouterr().err)
     assert sorted(bag.iterdir()) == before
 
 
@@ -109,4 +110,4 @@ def test_a_bound_decides_the_exit(options: list[str], words: str, bag: Path, tmp
                                                     truth.orientations_wxyz[:count]))
     status = main(['evaluate', str(bag), str(tmp_path / 'estimate.txt'), *options])
     assert status == (1 if words else 0)
-    assert words in capsys.readouterr().err
+    assert words in unfolded(capsys.readouterr().err)

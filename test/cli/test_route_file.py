@@ -2,6 +2,7 @@
 
 import os
 
+from command_line import unfolded
 import pytest
 
 from lunar_rover_sim.base.errors import ConfigError
@@ -42,7 +43,7 @@ def test_settings_of_nodes_that_do_not_run_are_named():
 @pytest.mark.parametrize('other', ['--goal=8,3', '--route=tour'])
 def test_two_who_drive_are_refused(tmp_path, capsys, other):
     assert main(['run', 'baseline', '--teleop', other, '-o', str(tmp_path / 'run')]) == 2
-    told = capsys.readouterr().err
+    told = unfolded(capsys.readouterr().err)
     assert f'{other.partition("=")[0]}, --teleop: both are given; valid is one of them' in told
     assert not list(tmp_path.iterdir())
 

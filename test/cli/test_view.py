@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 
+from command_line import unfolded
 import pytest
 from waiting import LIMIT_S
 
@@ -20,9 +21,9 @@ def test_without_a_display(monkeypatch: pytest.MonkeyPatch,
     for name in ('DISPLAY', 'WAYLAND_DISPLAY'):
         monkeypatch.delenv(name, raising=False)
     assert main(['view', 'flat']) == 1
-    assert 'there is no display (DISPLAY is not set)' in capsys.readouterr().err
+    assert 'there is no display (DISPLAY is not set)' in unfolded(capsys.readouterr().err)
     assert main(['view', 'flat', '--rtf', '0']) == 1
-    assert '--rtf: 0 is not valid' in capsys.readouterr().err
+    assert '--rtf: 0 is not valid' in unfolded(capsys.readouterr().err)
 
 
 @pytest.mark.skipif(shutil.which('Xvfb') is None, reason='Xvfb is not installed')

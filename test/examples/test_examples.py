@@ -155,6 +155,15 @@ def test_without_what_they_need_they_say_so(name: str) -> None:
     assert ended.returncode == 1 and ended.stderr and 'Traceback' not in ended.stderr
 
 
+def test_a_policy_that_does_not_exist_is_refused_before_anything_walks() -> None:
+    """It was read after the walks of all that came before it."""
+    ended = subprocess.run([sys.executable, FOLDER / 'learning/returns.py', 'nope.onnx'],
+                           capture_output=True, text=True)
+    assert ended.returncode == 1 and not ended.stdout
+    error, = ended.stderr.splitlines()
+    assert error.endswith('nope.onnx: cannot be read: no such file')
+
+
 @pytest.mark.parametrize('name', ['train_gait', 'train_feedback', 'train_walk'])
 def test_training_says_in_one_line_what_to_install(name: str) -> None:
     hidden = ('import runpy, sys; sys.modules["cma"] = sys.modules["stable_baselines3"] = None; '

@@ -13,6 +13,7 @@ import time
 import traceback
 
 from claims import Contradiction, one_line
+from command_line import unfolded
 from readers import COMMANDS, Reader, READERS
 
 from lunar_rover_sim.base.errors import LunarRoverSimError
@@ -146,7 +147,7 @@ def run_by_command_line(case: Case, samples: Path, folder: Path) -> Outcome | No
                                timeout=5.0 * HANG_S, preexec_fn=_limit_processor_time)
     except subprocess.TimeoutExpired:
         return Outcome(case.number, case.reader, 'cli', f'{words}: hangs', repeat=case.repeat)
-    lines = [line for line in ended.stderr.splitlines()
+    lines = [line for line in unfolded(ended.stderr).splitlines()
              if line.strip() and not LOG_LINE.match(line)]
     # `bag check` and `dataset verify` say on stdout what is wrong.
     fine = (ended.returncode == 1 and (not lines or len(lines) == 1

@@ -3,6 +3,7 @@
 import dataclasses
 from pathlib import Path
 
+from command_line import unfolded
 import numpy as np
 import pytest
 import rasterio
@@ -136,7 +137,7 @@ def test_a_site_that_is_not_that_of_the_world_folder(
     output = [] if command == 'view' else ['-o', str(tmp_path / 'out')]
     settings = [word for setting in (DATE, *given) for word in ('--set', setting)]
     assert main([command, 'dem', '--world', str(folder), *output, *settings]) == 1
-    error = capsys.readouterr().err
+    error = unfolded(capsys.readouterr().err)
     assert text in error and error.count('\n') == 1
     assert text is not OFF_TEXT or 'is outside the world; valid is x and y within' in error
     assert not (tmp_path / 'out').exists()
@@ -149,7 +150,7 @@ def test_the_world_beside_a_bag_is_that_of_its_pictures(
     settings = [word for setting in (DATE, *OFF) for word in ('--set', setting)]
     assert main(['render', 'baseline', '--at', str(tmp_path / 'bag'), '-o',
                  str(tmp_path / 'out'), *settings]) == 1
-    assert OFF_TEXT in capsys.readouterr().err
+    assert OFF_TEXT in unfolded(capsys.readouterr().err)
 
 
 def test_record_refuses_a_site_that_is_not_that_of_its_world(

@@ -4,6 +4,7 @@ import dataclasses
 from pathlib import Path
 import shutil
 
+from command_line import unfolded
 from conftest import PLAIN, SMALL, TINY
 import pytest
 
@@ -108,17 +109,17 @@ def test_only_whole_checkpoints_count(tmp_path: Path) -> None:
 def test_what_cannot_go_on_is_refused(tmp_path: Path,
                                       capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['run', '--resume', str(tmp_path), '--seed', '3']) == 2
-    assert '--resume: --seed 3 is not valid beside it' in capsys.readouterr().err
+    assert '--resume: --seed 3 is not valid beside it' in unfolded(capsys.readouterr().err)
     assert main(['run', '--resume', str(tmp_path)]) == 1
-    assert 'holds no run; valid is the folder of a run' in capsys.readouterr().err
+    assert 'holds no run; valid is the folder of a run' in unfolded(capsys.readouterr().err)
     (tmp_path / 'scenario.yaml').write_text(Scenario.load('baseline').to_yaml())
     assert main(['run', '--resume', str(tmp_path)]) == 1
-    assert 'holds no whole checkpoint; valid is a run with' in capsys.readouterr().err
+    assert 'holds no whole checkpoint; valid is a run with' in unfolded(capsys.readouterr().err)
     (tmp_path / 'bag').mkdir()
     marker.mark(tmp_path / 'bag')
     with marker.lock(tmp_path / 'bag'):
         assert main(['run', '--resume', str(tmp_path)]) == 1
-    assert 'the run goes on at this moment' in capsys.readouterr().err
+    assert 'the run goes on at this moment' in unfolded(capsys.readouterr().err)
 
 
 def test_a_run_whose_rover_was_changed_does_not_go_on(tmp_path: Path) -> None:

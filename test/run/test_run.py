@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 
+from command_line import unfolded
 from conftest import BLIND, command, PLAIN, processes_naming, RIGID, simulate, SMALL, TINY
 import psutil
 import pytest
@@ -149,7 +150,8 @@ def test_an_awaited_topic_that_nobody_publishes_is_named(tmp_path: Path) -> None
                         '--set', 'physics_node.wait.start_s=0.2')
     assert finished.returncode == 1
     assert re.search(r'^lunar_rover_sim: nothing on [^;]*my/pose \(from nobody, no publisher\) '
-                     'since 0.000 s[^;]*; physics_node waits for', finished.stderr, re.MULTILINE)
+                     'since 0.000 s[^;]*; physics_node waits for', unfolded(finished.stderr),
+                     re.MULTILINE)
     # Physics counts from its own start, which takes seconds on a busy machine, `run` from before.
     scenario = resolve(Scenario.load('baseline', BLIND[1::2]))
     start_s = Limits.of(scenario).start_s
@@ -231,7 +233,7 @@ def test_interrupt_finishes_the_bag(tmp_path: Path) -> None:
 def test_existing_output_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing is overwritten."""
     assert main(['run', 'baseline', '-o', str(tmp_path)]) == 1
-    said = capsys.readouterr().err
+    said = unfolded(capsys.readouterr().err)
     assert said.startswith('lunar_rover_sim: ') and 'exists; name a new folder' in said
     assert not list(tmp_path.iterdir())
 

@@ -7,6 +7,7 @@ import socket
 import struct
 import subprocess
 
+from command_line import unfolded
 from conftest import BLIND, command, PLAIN, processes_naming, RIGID, SMALL, TINY
 import pytest
 from waiting import LIMIT_S
@@ -103,6 +104,6 @@ def test_a_port_that_is_taken_is_one_line(tmp_path: Path,
         taken.listen()
         port = taken.getsockname()[1]
         assert main(['run', 'baseline', '-o', str(tmp_path / 'run'), '--view', str(port)]) == 1
-    assert capsys.readouterr().err == (
+    assert unfolded(capsys.readouterr().err) == (
         f'lunar_rover_sim: --view: {port} cannot be served: Address already in use\n')
     assert not list(tmp_path.iterdir())

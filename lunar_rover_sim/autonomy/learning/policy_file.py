@@ -215,6 +215,9 @@ def policy_path(name_or_path: str | Path) -> Path:
         LearningError: There is no such packaged policy.
     """
     text = str(name_or_path)
+    if not text:
+        raise LearningError('policy: not given; valid is a file, or '
+                            + (', '.join(policy_names()) or 'the name of a packaged policy'))
     if '/' in text or text.endswith('.onnx'):
         return Path(text)
     if text not in policy_names():

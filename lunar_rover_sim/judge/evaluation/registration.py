@@ -20,7 +20,7 @@ from lunar_rover_sim.base.parameters import nearest
 from lunar_rover_sim.judge.evaluation.trajectory import Trajectory, wxyz
 
 DEFAULT_TOLERANCE_S = 0.02
-_MOST_TOLERANCE_S = 1e3
+MOST_TOLERANCE_S = 1e3
 MIN_POSES = 3
 MODES = ('se3', 'sim3', 'yaw', 'origin', 'none')
 
@@ -53,9 +53,9 @@ def associate(truth: Trajectory, estimate: Trajectory,
     Raises:
         EvaluationError: If fewer than three poses are left.
     """
-    if not 0.0 <= tolerance_s <= _MOST_TOLERANCE_S:
+    if not 0.0 <= tolerance_s <= MOST_TOLERANCE_S:
         raise EvaluationError(f'tolerance: {tolerance_s} is not valid; valid is 0 to '
-                              f'{_MOST_TOLERANCE_S:g} [s]')
+                              f'{MOST_TOLERANCE_S:g} [s]')
     tolerance_ns = round(tolerance_s * 1e9)
     _check_length(truth)
     _check_length(estimate)

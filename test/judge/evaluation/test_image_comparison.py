@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from command_line import unfolded
 import cv2
 from judge.evaluation.image_sets import write_set
 import numpy as np
@@ -160,7 +161,7 @@ def test_bad_input(arguments: list[str], problem: str, tmp_path: Path,
         write_png(tmp_path / name / '0.png', np.zeros(shape, np.uint8))
     words = [word.format(tmp_path) for word in arguments]
     assert main(['evaluate', 'images', *words]) == 1
-    error = capsys.readouterr().err
+    error = unfolded(capsys.readouterr().err)
     assert problem in error and error.count('\n') == 1
 
 

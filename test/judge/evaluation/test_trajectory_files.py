@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 import re
 
+from command_line import unfolded
 from judge.evaluation.wandering import files_of_others, wander
 import numpy as np
 import pytest
@@ -82,7 +83,7 @@ def test_files_without_stamps_are_not_given_any_in_silence(tmp_path, monkeypatch
     rows = Path('kitti.txt').read_text().splitlines(keepends=True)
     Path('short.txt').write_text(''.join(rows[1:]))
     assert main(['evaluate', *words.split()]) == 1
-    said = capsys.readouterr().err
+    said = unfolded(capsys.readouterr().err)
     assert re.search(problem, said) and said.count('\n') == 1
     for pair in ('kitti.txt kitti.txt', 'tum.txt kitti.txt --times times.txt'):
         assert main(['evaluate', *pair.split(), '--json']) == 0

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from command_line import unfolded
 from conftest import PLAIN
 import cv2
 import numpy as np
@@ -85,9 +86,9 @@ def test_files(recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture
     assert count == 3
     assert b'vp09' in output.read_bytes()
     assert main([*arguments, str(output)]) == 1
-    assert 'exists already; choose another name' in capsys.readouterr().err
+    assert 'exists already; choose another name' in unfolded(capsys.readouterr().err)
     assert main([*arguments, str(tmp_path / 'drive.avi')]) == 1
-    assert '.mp4' in capsys.readouterr().err
+    assert '.mp4' in unfolded(capsys.readouterr().err)
     assert [path.name for path in tmp_path.iterdir()] == ['drive.mp4']
 
 
@@ -143,7 +144,7 @@ def test_bad_input(recorded: Recorded, options: list[str], tmp_path: Path,
     given += [] if '--width' in options else ['--width', '320']
     given += [] if '--world' in options else ['--world', str(recorded.world)]
     assert main([*given, *options]) == 1
-    error = capsys.readouterr().err
+    error = unfolded(capsys.readouterr().err)
     assert options[0] in error and error.count('\n') == 1
     assert not list(tmp_path.iterdir())
 

@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 import tarfile
 
+from command_line import unfolded
 import cv2
 import numpy as np
 from products.sequences.shard_reader import read_shards
@@ -127,9 +128,9 @@ def test_bad_input_is_refused(bag: Path, tmp_path: Path,
                               capsys: pytest.CaptureFixture[str]) -> None:
     command = ['bag', 'export', str(bag), '-o', str(tmp_path / 'x'), '--shard-size', '0']
     assert main([*command, '--format', 'webdataset']) == 1
-    assert '--shard-size: 0 is not valid; valid is 1 to' in capsys.readouterr().err
+    assert '--shard-size: 0 is not valid; valid is 1 to' in unfolded(capsys.readouterr().err)
     assert main([*command, '--format', 'tum']) == 1
-    assert '--shard-size: is for --format webdataset' in capsys.readouterr().err
+    assert '--shard-size: is for --format webdataset' in unfolded(capsys.readouterr().err)
     assert not list(tmp_path.iterdir())
     with ShardWriter(tmp_path) as writer:
         for key in ('a.b', '', 'a/b'):

@@ -3,6 +3,7 @@
 from pathlib import Path
 import sys
 
+from command_line import unfolded
 import pytest
 
 from lunar_rover_sim.base.errors import UsdError
@@ -18,7 +19,7 @@ from lunar_rover_sim.rover.urdf import urdf
 def fails(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     """Run a command that is to fail; return its one line."""
     assert main(arguments) == 1
-    error = capsys.readouterr().err
+    error = unfolded(capsys.readouterr().err)
     assert error.count('\n') == 1
     return error
 

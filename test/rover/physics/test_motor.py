@@ -7,7 +7,7 @@ import numpy as np
 from physics_scene import ROVER, simulate, trot
 import pytest
 
-from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.base.errors import ConfigError, LunarRoverSimError
 from lunar_rover_sim.rover.description import leg_inertia, Motor, RoverDescription
 from lunar_rover_sim.rover.physics.config import StartPose
 
@@ -133,3 +133,20 @@ def test_stall_and_no_load_come_from_the_bare_motor():
 def test_negative_motor_parameters_are_refused(name):
     with pytest.raises(ConfigError, match=f'motor.{name}: -1.0 is not valid; valid is'):
         RoverDescription.from_mapping({'motor': {name: -1.0}})
+
+
+@pytest.mark.parametrize('field', dataclasses.fields(Motor), ids=lambda field: field.name)
+@pytest.mark.parametrize('end', ['low', 'high'])
+def test_any_motor_that_is_valid_moves_or_is_refused_in_words(field, end):
+    """At the ends of the ranges: beyond them a parameter is not valid."""
+    value = getattr(field.metadata['info'], end)
+    for beyond in (1e30, 1e300, np.inf, np.nan):
+        with pytest.raises(ConfigError, match=f'{field.name}: '):
+            dataclasses.replace(MOTOR, **{field.name: beyond})
+    motor = dataclasses.replace(MOTOR, **{field.name: value})
+    try:
+        with simulate(rover=dataclasses.replace(ROVER, motor=motor)) as simulation:
+            simulation.command(np.full(4, 5.0))
+            assert np.isfinite(simulation.advance(300).position_m).all()
+    except LunarRoverSimError as error:
+        assert '\n' not in str(error)
