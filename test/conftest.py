@@ -136,7 +136,7 @@ SOFT = ('physics_node.ground.model=regolith',
 def recorded_run(tmp_path_factory: pytest.TempPathFactory, world_folder: Path) -> Path:
     """Return the folder of one real run of 1 s with all nodes, on ground that gives.
 
-    The first worker that needs it records it; it is only read.
+    The first worker that needs it records it; it is only read. What it said lies beside it.
     """
     pytest.importorskip('rclpy')
     folder = _of_all_workers(tmp_path_factory) / 'recorded_run'
@@ -146,6 +146,8 @@ def recorded_run(tmp_path_factory: pytest.TempPathFactory, world_folder: Path) -
             settings = [word for setting in (*PLAIN, *SOFT) for word in ('--set', setting)]
             finished = simulate(folder, '--duration', '1', *settings)
             assert finished.returncode == 0, finished.stdout + finished.stderr
+            folder.with_suffix('.out').write_text(finished.stdout)
+            folder.with_suffix('.err').write_text(finished.stderr)
     return folder
 
 

@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 
+from command_line import unfolded
 import psutil
 
 from lunar_rover_sim.bag import marker
@@ -124,7 +125,8 @@ class Run:
         try:
             _, said = self.process.communicate(timeout=limit_s * self._slowness)
             return self.process.returncode, '\n'.join(
-                line for line in said.strip().splitlines() if not line.startswith(_PROGRESS))
+                line for line in unfolded(said).strip().splitlines()
+                if not line.startswith(_PROGRESS))
         except subprocess.TimeoutExpired:
             return None, ''
 

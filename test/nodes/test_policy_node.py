@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+import signal
+import threading
 import time
 from typing import Any
 
@@ -12,7 +14,8 @@ pytestmark = pytest.mark.ros
 rclpy = pytest.importorskip('rclpy')
 onnx = pytest.importorskip('onnx')
 
-from peer import LEGS  # noqa: E402
+from geometry_msgs.msg import TwistStamped  # noqa: E402
+from peer import LEGS, Peer, running  # noqa: E402
 from sensor_msgs.msg import Imu, JointState  # noqa: E402
 
 from lunar_rover_sim.autonomy.learning.controller import PolicyController  # noqa: E402
@@ -21,6 +24,7 @@ from lunar_rover_sim.autonomy.learning.senses import Sample  # noqa: E402
 from lunar_rover_sim.autonomy.learning.tasks import make_task  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.base.errors import LearningError, LunarRoverSimError  # noqa: E402
+from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 from lunar_rover_sim.nodes.policy_node import PolicyNode  # noqa: E402
 from lunar_rover_sim.rover.description import load_rover  # noqa: E402
 from lunar_rover_sim.run.plan import with_policy  # noqa: E402
@@ -103,6 +107,36 @@ def test_a_policy_of_another_rover_does_not_start(policy_file: Path) -> None:
     """The reason comes before any node is started."""
     with pytest.raises(LearningError, match='is a policy for rover quad'):
         with_policy(Scenario.load('flat', rover='hexapod'), policy_file)
+
+
+def test_another_ground_and_a_speed_out_of_the_training_are_warned_of_once(
+        policy_file: Path, peer: Peer) -> None:
+    """By ground, quantity, value and range; however long it goes on."""
+    states, imus, velocities = (peer.node.create_publisher(kind, topic, 10) for kind, topic in (
+        (JointState, 'joint_states'), (Imu, 'imu/data_raw'), (TwistStamped, 'cmd_vel')))
+    answers, lines, stamps = peer.listen(JointState, 'joint_commands'), [], iter(
+        range(10**9, 10**12, 5 * 10**7))
+
+    def send() -> None:
+        stamp = time_msg(next(stamps))
+        state = JointState(name=LEGS, position=[0.0] * 4, velocity=[0.0] * 4, effort=[0.0] * 4)
+        imu, velocity = Imu(), TwistStamped()
+        state.header.stamp = imu.header.stamp = velocity.header.stamp = stamp
+        imu.linear_acceleration.z, velocity.twist.linear.x = 1.62, 0.5
+        for publisher, message in ((states, state), (imus, imu), (velocities, velocity)):
+            publisher.publish(message)
+
+    with running('policy_node', '-p', f'policy:={policy_file}', '-p', 'ground:=highland') as node:
+        reader = threading.Thread(target=lambda: lines.extend(node.stdout))
+        reader.start()
+        peer.spin_until(lambda: len(answers) > 20, meanwhile=send)
+        answered = len(answers)
+        peer.spin_until(lambda: len(answers) > answered + 60, meanwhile=send)   # 3 s
+        node.send_signal(signal.SIGINT)
+        reader.join()
+    warned = [line.partition(']: ')[2].strip() for line in lines if '[WARN]' in line]
+    assert warned == ['policy walk was trained on rigid; here is highland',
+                      'policy walk was trained for a speed of 0.06 to 0.16 m/s; 0.5 is commanded']
 
 
 class Late(PolicyNode):

@@ -10,6 +10,7 @@ import sys
 import time
 from typing import Any
 
+from command_line import unfolded
 from conftest import PLAIN, simulate, TINY
 from judge.slam import closed_way, relief_walk
 import numpy as np
@@ -403,7 +404,7 @@ def test_a_program_that_crashes_ends_the_run(tmp_path: Path, world_folder: Path)
                         shlex.join([sys.executable, str(tmp_path / 'slam.py')]), *RECORDED,
                         *(word for setting in (*PLAIN, *TINY) for word in ('--set', setting)))
     assert finished.returncode == 1
-    error = finished.stderr.strip().splitlines()[-1]
+    error = unfolded(finished.stderr).strip().splitlines()[-1]
     assert f'slam_node ended with status 1: {sys.executable}: crashed with SIGABRT' in error
     assert 'at the frame of 0.300 s' in error
     with open_bag(tmp_path / 'run' / 'bag') as bag:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from command_line import unfolded
 from conftest import PLAIN, simulate, SMALL, TINY
 import numpy as np
 import pytest
@@ -20,6 +21,19 @@ pytestmark = pytest.mark.ros
 
 DURATION_S = 1
 ABSENT = {'slam_node', 'mapping_node', 'navigator_node'}     # of this run
+
+
+def test_a_good_run_warns_of_nothing(recorded_run: Path) -> None:
+    """Neither by itself nor by a library: on stderr is progress, in the logs what is going on."""
+    said = unfolded(recorded_run.with_suffix('.out').read_text())
+    assert said.startswith('baseline, seed 1: ') and 'warning' not in said.lower()
+    logs = {log.name: log.read_text() for log in (recorded_run / 'logs').glob('*.log')}
+    assert {'physics_node.log', 'render_node.log', 'recorder_node.log'} <= set(logs)
+    for name, text, usual in (
+            ('stderr', unfolded(recorded_run.with_suffix('.err').read_text()),
+             ('building the world: ', 'starting: ', 'simulating: ', 'summing up the bag: ')),
+            *((name, text, '[INFO] [') for name, text in logs.items())):
+        assert not [line for line in text.splitlines() if not line.startswith(usual)], name
 
 
 def test_contract(recorded_run: Path) -> None:

@@ -70,7 +70,7 @@ def test_a_killed_node_ends_the_run(tmp_path: Path) -> None:
     run = start(folder, *BLIND)
     wait_for_recording(folder)
     os.kill(process_of(folder, 'recorder_node'), signal.SIGKILL)
-    _, stderr = run.communicate(timeout=LIMIT_S)
+    stderr = unfolded(run.communicate(timeout=LIMIT_S)[1])
     assert run.returncode == 1
     assert 'recorder_node ended with SIGKILL' in stderr
     assert len(without_progress(stderr)) == 1
@@ -136,7 +136,7 @@ def test_a_stopped_node_is_named(tmp_path: Path) -> None:
     run = start(folder, *BLIND, '--set', 'physics_node.wait.silence_s=3.0')
     wait_for_recording(folder)
     os.kill(process_of(folder, 'gait_controller_node'), signal.SIGSTOP)
-    _, stderr = run.communicate(timeout=LIMIT_S)
+    stderr = unfolded(run.communicate(timeout=LIMIT_S)[1])
     assert run.returncode == 1
     # Physics notices the silence; where it runs late, `run` notices the stopped process.
     assert ('joint_commands (from gait_controller_node' in stderr
@@ -172,7 +172,7 @@ def test_physics_stopped_while_the_nodes_start(tmp_path: Path) -> None:
     folder = tmp_path / 'run'
     run = start(folder, *BLIND, '--set', 'physics_node.wait.silence_s=3.0')
     os.kill(process_of(folder, 'physics_node'), signal.SIGSTOP)
-    _, stderr = run.communicate(timeout=LIMIT_S)
+    stderr = unfolded(run.communicate(timeout=LIMIT_S)[1])
     assert run.returncode == 1
     assert 'physics_node is stopped (SIGSTOP)' in stderr
 
@@ -184,7 +184,7 @@ def test_divergence_in_the_drive_ends_the_run(tmp_path: Path) -> None:
               'rover.motor.stall_torque_nm=1000.0', 'physics_node.integrator=euler',
               'drive_node.start_delay_s=1.0')
     run = start(folder, *BLIND, *(word for setting in motors for word in ('--set', setting)))
-    _, stderr = run.communicate(timeout=LIMIT_S)
+    stderr = unfolded(run.communicate(timeout=LIMIT_S)[1])
     assert run.returncode == 1
     assert len(without_progress(stderr)) == 1
     said = re.search(r'physics_node ended with status 1: the simulation diverged at ([\d.]+) s in '
@@ -209,7 +209,7 @@ def test_a_drive_that_is_done_ends_the_run(tmp_path: Path, settings: list[str], 
     words = ['drive_node.mode=waypoints', 'drive_node.shape=none', 'drive_node.end_after_s=1.0',
              'drive_node.start_delay_s=0.0', *settings]
     run = start(folder, *(word for setting in words for word in ('--set', setting)))
-    _, stderr = run.communicate(timeout=LIMIT_S)
+    stderr = unfolded(run.communicate(timeout=LIMIT_S)[1])
     assert run.returncode == 0, stderr
     assert not check(folder / 'bag').failed
     with open_bag(folder / 'bag') as bag:
@@ -243,7 +243,7 @@ def test_a_topic_that_nobody_publishes_is_named(tmp_path: Path) -> None:
     run = start(tmp_path / 'run', '--duration', '0.2', '--set',
                 'run.nodes=[physics_node, recorder_node]', '--set',
                 'recorder_node.topics=[odomm]')
-    _, stderr = run.communicate(timeout=LIMIT_S)
+    stderr = unfolded(run.communicate(timeout=LIMIT_S)[1])
     assert run.returncode == 1
     assert 'recorder_node.topics: odomm: nobody published, did you mean odom?: the bag is empty' \
         in stderr
