@@ -19,6 +19,7 @@ import math
 import threading
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,11 +38,14 @@ FIRST_SINE = 0.28
 AZIMUTHS = (16, 32, 64, 64, 64)
 _LINES = (2048, 2048, 1024, 512, 256)
 _ALONG = (1024, 256, 128, 32, 8)
-_CAST = (2048, 2048, 2048, 2048, 1024)   # lines that are followed
 LEVELS = 3              # mip levels of each
 MOST = 8.0              # brightness over the mean that codes have
 _TABLE = 48             # nodes of the law along each cosine; of their roots
 _BEFORE = 4             # lines begin a part of the period before they are seen: one over this
+_HALF, _ONE = np.float32(0.5), np.float32(1.0)
+_OF_MOST = np.float32(1.0 / MOST)
+_BETWEEN = [one.astype(np.float32) for one in np.meshgrid(
+    *2 * [np.linspace(0.0, _TABLE - 1.0, 256)])]    # where the law is read for each byte
 _BESIDE = np.float32(0.1)   # of the mean: what is hidden is as what hides it
 _HIGHER, _SPARSE = 2.0, 16  # another sun, as a factor on its tangent; one in so many lines for it
 
@@ -116,35 +120,35 @@ class ReliefViews:
         flat = math.sqrt(1.0 - sine * sine)
         view = np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), sine])
         along_y = bool(nodes.slant[node, 1])    # at 45 deg processors differ
-        seen, *sparse = self._cast(view, along_y, _LINES[k], _ALONG[k], _CAST[k])
+        seen, *sparse = self._cast(view, along_y, _LINES[k], _ALONG[k])
         deviations, start = [], int(nodes.first[node])
         for level in range(LEVELS):
             if level:
                 n, m = seen.shape
                 seen = seen.reshape(n // 2, 2, m // 2, 2).mean(axis=(1, 3))
             deviations.append(float(seen.std()))
-            codes = np.rint(255.0 * np.sqrt(np.minimum(seen / MOST, 1.0)))
             at = start + int(nodes.side[k, level, 2])
-            nodes.codes[at:at + seen.size] = codes.astype(np.uint8).ravel()
+            nodes.codes[at:at + seen.size] = cv2.transpose(_coded(seen)).ravel()
         low, high = (max(float(part.std()), 1e-3) for part in sparse)
         falls = math.log2(low / high) / math.log2(_HIGHER)
         nodes.spread[node] = (deviations[0], min(max(falls, 0.0), 2.0), min(max(
             math.log2(max(deviations[0], 1e-3) / max(deviations[1], 1e-3)), 0.0), 1.0))
 
-    def _cast(self, view: Array, along_y: bool, lines: int, along: int,
-              followed: int) -> tuple[F32, F32, F32]:
+    def _cast(self, view: Array, along_y: bool, lines: int, along: int) -> tuple[F32, F32, F32]:
         """Return the brightness over its mean of what is seen from a direction.
 
-        (lines, along) of the sun; of it and of the higher one on one in _SPARSE lines.
+        (along, lines) of the sun; of it and of the higher one on one in _SPARSE lines.
         """
         root = np.linspace(0.0, 1.0, _TABLE)**2
         laws = np.stack([hapke.reflectance(
             root[:, None], np.maximum(root, 0.02)[None, :], float(view @ sun), self._ground,
             albedo=self._albedo, theta_deg=self._theta_deg) for sun in self._suns])
-        seen = np.empty((lines, along), np.float32)
-        sparse = np.empty((2, lines // _SPARSE, along), np.float32)
+        laws = np.stack([cv2.remap(law.astype(np.float32), *_BETWEEN, cv2.INTER_LINEAR)
+                         for law in laws])
+        seen = np.empty((along, lines), np.float32)
+        sparse = np.empty((2, along, lines // _SPARSE), np.float32)
         _follow(*self._maps[along_y], (view[[1, 0, 2]] if along_y else view).astype(np.float32),
-                laws.astype(np.float32), followed, seen, sparse)
+                laws, seen, sparse)
         one, other, higher = (part / max(float(part.mean()), 1e-9) for part in (seen, *sparse))
         return one, other, higher
 
@@ -221,13 +225,12 @@ def _roll(row, first, out):  # type: ignore[no-untyped-def]
 
 @vectorised
 def _step(here, nearest, east, west, part, view,  # type: ignore[no-untyped-def]
-          every, sight, facing, root):
+          sight, facing, root):
     """Follow lines over one texel: what is seen there, and how it faces the camera.
 
     Args:
         here: Heights along y, as `_roll` has them; lines are `part` of a texel further on.
         nearest, east, west: Of the nearest texel, and of those beside it along the lines.
-        every: One in so many lines is followed.
         sight: (lines,) height of the line of sight over what lies before; it goes on.
         facing: (lines,) filled in: area that is seen, over that of the ground.
         root: (lines,) of the cosine of emission.
@@ -236,10 +239,9 @@ def _step(here, nearest, east, west, part, view,  # type: ignore[no-untyped-def]
     vx, vy, vz = view[0], view[1], view[2]
     falls = vz / abs(vx)        # of the line of sight, over a texel of x
     for k in range(len(sight)):
-        v = k * every + 1
-        height = here[v] + part * (here[v + 1] - here[v])
+        height = here[k + 1] + part * (here[k + 2] - here[k + 1])
         before = sight[k] - falls
-        p, q = half * (east[v] - west[v]), half * (nearest[v + 1] - nearest[v - 1])
+        p, q = half * (east[k + 1] - west[k + 1]), half * (nearest[k + 2] - nearest[k])
         area = vz - p * vx - q * vy
         area = area if height >= before else zero
         sight[k] = max(height, before)
@@ -248,72 +250,63 @@ def _step(here, nearest, east, west, part, view,  # type: ignore[no-untyped-def]
 
 
 @vectorised
-def _add(lit, facing, root, every, thin, law, light):  # type: ignore[no-untyped-def]
+def _add(lit, facing, root, thin, law, light):  # type: ignore[no-untyped-def]
     """Add the light of what is seen to that of lines, of one in `thin` of those."""
-    last, nodes = len(law) - 2, np.float32(len(law) - 1)
-    of_byte = nodes * np.float32(1.0 / 255.0)
+    steps = np.float32(law.shape[1] - 1)
     for k in range(0, len(facing), thin):
-        if facing[k] > np.float32(0.0):
-            a, b = of_byte * np.float32(lit[k * every + 1]), nodes * root[k]
-            m, o = min(int(a), last), min(int(b), last)
-            a, b = a - np.float32(m), b - np.float32(o)
-            r = law[m, o] + b * (law[m, o + 1] - law[m, o])
-            s = law[m + 1, o] + b * (law[m + 1, o + 1] - law[m + 1, o])
-            light[k] += facing[k] * (r + a * (s - r))
+        light[k] += facing[k] * law[lit[k + 1], np.uint32(steps * root[k] + _HALF)]
 
 
 @compiled
-def _follow(heights, lit, higher, view, laws, followed,  # type: ignore[no-untyped-def]
-            seen, sparse):
+def _follow(heights, lit, higher, view, laws, seen, sparse):  # type: ignore[no-untyped-def]
     """Fill in the mean radiance of what is seen of relief, along lines that run towards x.
 
     Args:
         heights: (n, n) periodic, in texels, along y in a row.
         lit, higher: (n, n) as `_incidence`, of the sun and of a higher one.
         view: Unit vector to the camera, which is more along x than along y.
-        laws: (2, m, m) reflectance by roots of cosines of incidence and emission, of both suns.
-        followed: Lines; as many as those of the result, or a multiple.
-        seen: (lines, along) filled in, which lie n / lines apart.
-        sparse: (2, fewer lines, along) filled in: of both suns, on the first lines of groups.
+        laws: (2, 256, m) reflectance by roots of cosines of incidence and emission, of both suns.
+        seen: (along, lines) filled in, the mean of n / lines of them.
+        sparse: (2, along, fewer lines) filled in: of both suns, on the first lines of groups.
     """
     n, zero = len(heights), np.float32(0.0)
-    lines, along = seen.shape
-    long, before, mask, every = n // along, n // _BEFORE, n - 1, n // followed
-    thin = followed // sparse.shape[1]
+    along, lines = seen.shape
+    long, before, mask = n // along, n // _BEFORE, n - 1
+    thin = n // sparse.shape[2]
     slant, from_east = np.float64(view[1]) / np.float64(view[0]), view[0] > zero
     here, east, west = (np.empty(n + 3, np.float32), np.empty(n + 3, np.float32),
                         np.empty(n + 3, np.float32))
     share, other = np.empty(n + 3, np.uint8), np.empty(n + 3, np.uint8)
-    sight, facing, root = (np.full(followed, np.float32(-1e9)), np.empty(followed, np.float32),
-                           np.empty(followed, np.float32))
-    light, faces = np.zeros(followed, np.float32), np.zeros(followed, np.float32)
-    of_higher = np.zeros(followed, np.float32)
+    sight, facing, root = (np.full(n, np.float32(-1e9)), np.empty(n, np.float32),
+                           np.empty(n, np.float32))
+    light, faces = np.zeros(n, np.float32), np.zeros(n, np.float32)
+    of_higher = np.zeros(n, np.float32)
     areas = np.empty((along, lines), np.float32)
-    sparse_areas = np.empty((along, sparse.shape[1]), np.float32)
+    sparse_areas = np.empty(sparse.shape[1:], np.float32)
     for step in range(-before, n):
         x = n - 1 - step if from_east else step
         i = x & mask
         y = slant * x
         row = int(np.floor(y))
         part = np.float32(y - row)
-        nearest = 1 if part >= np.float32(0.5) else 0
+        nearest = 1 if part >= _HALF else 0
         _roll(heights[i], row, here)
         _roll(heights[(i + 1) & mask], row, east)
         _roll(heights[(i - 1) & mask], row, west)
-        _step(here, here[nearest:], east[nearest:], west[nearest:], part, view, every, sight,
-              facing, root)
+        _step(here, here[nearest:], east[nearest:], west[nearest:], part, view, sight, facing,
+              root)
         if step < 0:
             continue
         _roll(lit[i], row, share)
         _roll(higher[i], row, other)
-        _add(share[nearest:], facing, root, every, 1, laws[0], light)
-        _add(other[nearest:], facing, root, every, thin, laws[1], of_higher)
+        _add(share[nearest:], facing, root, 1, laws[0], light)
+        _add(other[nearest:], facing, root, thin, laws[1], of_higher)
         faces += facing
         if (step + 1) % long == 0:
             u = x // long
-            seen[:, u] = light.reshape(lines, followed // lines).sum(axis=1)
-            areas[u] = faces.reshape(lines, followed // lines).sum(axis=1)
-            sparse[0, :, u], sparse[1, :, u] = light[::thin], of_higher[::thin]
+            seen[u] = light.reshape(lines, n // lines).sum(axis=1)
+            areas[u] = faces.reshape(lines, n // lines).sum(axis=1)
+            sparse[0, u], sparse[1, u] = light[::thin], of_higher[::thin]
             sparse_areas[u] = faces[::thin]
             light[:], faces[:], of_higher[:] = zero, zero, zero
     _divide(seen, areas, from_east)
@@ -321,19 +314,30 @@ def _follow(heights, lit, higher, view, laws, followed,  # type: ignore[no-untyp
         _divide(sparse[k], sparse_areas, from_east)
 
 
-@compiled
+@vectorised
 def _divide(light, areas, from_east):  # type: ignore[no-untyped-def]
-    """Replace the light of what is seen, (lines, along), by its mean over that, in place.
+    """Replace the light of what is seen, (along, lines), by its mean over that, in place.
 
     What is hidden looks as what hides it.
     """
-    lines, along = light.shape
+    along, lines = light.shape
     beside, last = _BESIDE * areas.mean(), np.zeros(lines, np.float32)
     for k in range(2 * along):      # twice around: the first of a line is hidden by the last
         u = k % along
         u = along - 1 - u if from_east else u
+        own, seen = light[u], areas[u]
         for line in range(lines):
-            last[line] = ((light[line, u] + beside * last[line])
-                          / max(areas[u, line] + beside, np.float32(1e-9)))
-            if k >= along:      # the first time around what follows still takes the light
-                light[line, u] = last[line]
+            last[line] = ((own[line] + beside * last[line])
+                          / max(seen[line] + beside, np.float32(1e-9)))
+        if k >= along:      # the first time around what follows still takes the light
+            own[:] = last
+
+
+@vectorised
+def _coded(seen):  # type: ignore[no-untyped-def]
+    """Return the codes of a texture."""
+    codes = np.empty(seen.shape, np.uint8)
+    values, out = seen.ravel(), codes.ravel()
+    for k in range(len(values)):
+        out[k] = np.uint8(np.float32(255.0) * np.sqrt(min(values[k] * _OF_MOST, _ONE)) + _HALF)
+    return codes
