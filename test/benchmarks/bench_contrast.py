@@ -1,7 +1,7 @@
 """Contrast and dark share of the ground by view and sun, against rays cast at the same relief.
 
     python test/benchmarks/bench_contrast.py [--suns 6 15 37] [--azimuths 0 60 120 180]
-        [--distances 1.5 3 6 12] [--shape 0] [--by-view] [--seed 61]
+        [--distances 1.5 3 6 12] [--shape 0] [--seed 61]
 
 The ground is level, with the relief below the grid of the default. Of each sun and azimuth between
 sun and view, the pixels of a band around each distance are taken in the middle columns of the left
@@ -42,11 +42,9 @@ def main() -> None:
     parser.add_argument('--azimuths', nargs='+', type=float, default=(0.0, 60.0, 120.0, 180.0))
     parser.add_argument('--distances', nargs='+', type=float, default=(1.5, 3.0, 6.0, 12.0))
     parser.add_argument('--shape', type=float, default=0.0, help='detail.relief_shape_m')
-    parser.add_argument('--by-view', action='store_true', help='detail.relief_by_view')
     parser.add_argument('--seed', type=int, default=61)
     args = parser.parse_args()
-    detail = DetailConfig(bounce=False, smooth_outlines=False, relief_shape_m=args.shape,
-                          relief_by_view=args.by_view)
+    detail = DetailConfig(bounce=False, smooth_outlines=False, relief_shape_m=args.shape)
     print(f'| sun | azimuth | {" | ".join(f"{d:g} m" for d in args.distances)} | contrast within '
           f'{WITHIN:.0%} | dark share within {POINTS:g} points |')
     print('|---' * (len(args.distances) + 4) + '|')

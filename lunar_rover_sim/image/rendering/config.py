@@ -29,9 +29,6 @@ class DetailConfig(Parameters):
     relief_shape_m: float = param(
         0.0, 'up to this distance relief below the grid has shape (depth, parallax, occlusion); '
         'farther away it is light only', unit='m', low=0.0, high=2.5)
-    relief_by_view: bool = param(
-        False, 'at low views relief below the grid is as bright as what is seen of it: the dark '
-        'side of pits and pebbles towards the sun, no shadows away from it')
     far_rocks_m: float = param(
         300.0, 'rocks from 0.3 m are drawn beyond the fine ground up to this x or y; 0: none',
         unit='m', low=0.0, high=2000.0)

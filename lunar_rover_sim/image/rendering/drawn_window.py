@@ -62,7 +62,7 @@ def world_light(world: World, config: RenderConfig, seed: int, far_rocks: Rocks,
     tiles = started.result()
     brightness = relief_brightness(tiles, config.reflectance, sunlight.sun.elevation_rad, radius)
     views = None
-    if config.detail.relief_by_view and sun.shines and not tiles.flat:
+    if sun.shines and not tiles.flat:
         views = relief_views(tiles, config.reflectance, brightness.tangent, radius)
     with ThreadPoolExecutor(2) as pool:
         levels = list(pool.map(lambda k: texels.under(sunlight, k, radius),

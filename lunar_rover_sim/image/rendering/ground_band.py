@@ -41,7 +41,7 @@ _NUMBERS = (
     'slope_bx slope_by horizon_a horizon_b factor of_rover cos_i cos_e cos_g theta more_c sunlit '
     'normal_x normal_y normal_z kept reflectance direct whole lamp lamp_i lamp_g of_lamp print_x '
     'print_y print_horizon print_seen print_coarse pressed loose beside zero place_x place_y '
-    'of_grid far near rank turn seen relief').split()
+    'of_grid far near rank turn seen relief upward lamp_r').split()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -166,57 +166,61 @@ class Band:
             *get('depth x y vx vy vz'), texels.levels, texels.ground.words, texels.matter.words,
             texels.ground.side, texels.ground.first, seen.grid, constants.smooth,
             *get('slope_x slope_y lit albedo below around detail level'))
-        relief_of(*get('depth x y detail'), texels.tile, texels.zone, texels.horizon,
-                  *texels.coarse, *texels.fine,
-                  *get('slope_ax slope_ay slope_bx slope_by horizon_a horizon_b place_x place_y'))
         if tracks is not None:
             self._look_up(tracks, any_level=True)
             add_prints(*get('depth print_x print_y print_horizon print_seen print_coarse'),
                        constants.sun, *get('slope_x slope_y beside'))
+        views = texels.views
+        far = views is not None and self._find_views(seen, views)
+        # The lamp and truth take slopes of all ground.
+        near = 'near' if far and source.lamp is None and image.shadow is None else 'depth'
+        relief_of(*get(f'depth {near} x y detail'), texels.tile, texels.zone, texels.horizon,
+                  *texels.coarse, *texels.fine,
+                  *get('slope_ax slope_ay slope_bx slope_by horizon_a horizon_b place_x place_y'))
         if may_shade(*get('depth x y z'), seen.towards, seen.shadow, source.shadow.bounds):
             rover_shadow(*get('depth x y z'), view.numbers, seen.towards,
                          source.shadow.silhouette(), seen.shadow, own['of_rover'])
         else:
             own['of_rover'][:] = 1.0
-        views = texels.views
-        far = views is not None and self._find_views(seen, views)
         if far:
             own['of_grid'][:] = own['lit']
         relief_factor(*get(f'{"near" if far else "depth"} slope_x slope_y vx vy vz detail'),
                       seen.factor, texels.factor, own['factor'])
-        shade(*get('depth x y vx vy vz slope_x slope_y lit albedo detail slope_ax slope_ay '
+        shade(*get(f'depth {near} x y vx vy vz slope_x slope_y lit albedo detail slope_ax slope_ay '
                    'slope_bx slope_by horizon_a horizon_b factor of_rover '
                    'beside pressed loose'), constants.sun, seen.centre, texels.scales,
               texels.least_scales, constants.trodden, tracks is not None,
               *get('cos_i cos_e cos_g theta more_c sunlit normal_x normal_y normal_z kept'))
+        lamp = source.lamp
+        if lamp is not None:
+            lamp_on(*get('depth x y z vx vy vz slope_x slope_y normal_x normal_y normal_z kept'),
+                    seen.lamp, lamp.clip, lamp.shadow, relief.shape, relief.numbers, seen.centre,
+                    *get('lamp lamp_i lamp_g'))
+            fill_reflectance(*get('lamp_i cos_e lamp_g theta albedo more_c'), constants.law,
+                             own['lamp_r'])
         if views is not None and far:
-            seen_relief(*get('depth far rank turn place_x place_y vx vy vz slope_x slope_y'),
+            seen_relief(*get('depth far rank turn place_x place_y slope_x slope_y'),
                         np.float32(view.pixel), seen.factor, *views.nodes, own['seen'])
-            light_of_views(*get('far of_grid of_rover beside kept slope_x slope_y vx vy vz'),
-                           constants.sun, constants.theta, constants.trodden, tracks is not None,
-                           *get('lit cos_i cos_e theta seen'))
+            light_of_views(*get('far of_grid of_rover beside kept slope_x slope_y vx vy vz '
+                                'normal_z'), constants.sun, constants.theta, constants.trodden,
+                           tracks is not None, *get('lit cos_i cos_e theta seen upward'))
         fill_reflectance(*get('cos_i cos_e cos_g theta albedo more_c'), constants.law,
                          own['reflectance'])
-        radiance_of(*get('reflectance lit albedo below around normal_z'), constants.irradiance,
+        upward = 'upward' if far else 'normal_z'
+        radiance_of(*get(f'reflectance lit albedo below around {upward}'), constants.irradiance,
                     constants.diffuse, *get('direct whole'))
+        if lamp is not None:
+            add_lamp(*get('lamp_r lamp of_lamp whole'))
         if far:
             factor_of_views(*get('seen direct whole relief'))
             if image.relief is not None and not add:
                 spread(self.rows, row, own['relief'], image.relief, False)
             else:   # the factors of an image are those of its first source
                 own['whole'] *= own['relief']
-        if source.lamp is not None:
-            lamp = source.lamp
-            lamp_on(*get('depth x y z vx vy vz slope_x slope_y normal_x normal_y normal_z kept'),
-                    seen.lamp, lamp.clip, lamp.shadow, relief.shape, relief.numbers, seen.centre,
-                    *get('lamp lamp_i lamp_g'))
-            fill_reflectance(*get('lamp_i cos_e lamp_g theta albedo more_c'), constants.law,
-                             own['reflectance'])
-            add_lamp(*get('reflectance lamp of_lamp whole'))
         assert image.radiance is not None
         spread(self.rows, row, own['whole'], image.radiance, add)
         if image.tint is not None and not add:
-            lamp_g, of_lamp = ('lamp_g', 'of_lamp') if source.lamp is not None else 2 * ('zero',)
+            lamp_g, of_lamp = ('lamp_g', 'of_lamp') if lamp is not None else 2 * ('zero',)
             tint_of(*get(f'depth x y albedo cos_g {lamp_g} direct {of_lamp} whole'),
                     constants.soil_tint, constants.tint_spread, constants.tint_place,
                     constants.lamp_tint, self._tint)

@@ -24,7 +24,8 @@ _PLACES = 8 * _PAGE     # eight: in a and b, of the first cell, then of the seco
 _FEW = 25 * _PAGE       # levels of the few pixels between two cells
 _AT = 28 * _PAGE        # two
 _OUT, _NEXT, _RAW = 17 * _PAGE, 21 * _PAGE, 30 * _PAGE  # four channels each
-_FLOATS = 34 * _PAGE
+_OWN = 34 * _PAGE       # two: places of the first cell of those few
+_FLOATS = 36 * _PAGE
 _CELLS, _NEXT_CELL = 0, 2 * _PAGE   # two each
 _INDEX, _EAST, _NORTH, _BOTH = (k * _PAGE for k in range(4, 8))
 
@@ -229,13 +230,14 @@ def _decode(s, i, horizon, slope_x, slope_y, tangent):  # type: ignore[no-untype
 
 
 @vectorised
-def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyped-def]
+def relief_of(depth, near, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyped-def]
               coarse, coarse_side, coarse_first, fine, fine_side, fine_first,
               slope_ax, slope_ay, slope_bx, slope_by, horizon_a, horizon_b, place_x, place_y):
-    """Look up slopes and horizons of the relief at each pixel of a band.
+    """Look up where each pixel of a band is in the relief, and its slopes and horizons there.
 
     Args:
         depth, x, y, detail: (n,) as `ground_band.place` and `grid_rows.light_of_grid` fill them.
+        near: (n,) positive where slopes and horizons are wanted.
         tile: (13,) 1 / periods of the tiles and 1 / side of the cells [1/m]; `place_in_site`.
         zone: Of the way to the middle of a cell, where the next one may be drawn.
         horizon: Centre and half range of tangents.
@@ -268,8 +270,18 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
             cells[_NEXT_CELL + k] = cells[_NEXT_CELL + j]
             cells[_NEXT_CELL + _PAGE + k] = cells[_NEXT_CELL + _PAGE + j]
         _place(s, cells, tile, 1, few)
-        _texels(s, cells, t, between, _PLACES, _OUT, 4, _LEVEL, _TWO,
-                _N, coarse, coarse_side, coarse_first)
+        sloping = any_positive(near, i)
+        if sloping:
+            _texels(s, cells, t, between, _PLACES, _OUT, 4, _LEVEL, _TWO,
+                    _N, coarse, coarse_side, coarse_first)
+        else:
+            for k in range(few):
+                j = which[k]
+                s[_OWN + k], s[_OWN + _PAGE + k] = s[_PLACES + j], s[_PLACES + _PAGE + j]
+            _texels(s, cells, t, between, _OWN, _OUT, 4, _FEW, _TWO, few,
+                    coarse, coarse_side, coarse_first)
+            for k in range(few - 1, -1, -1):    # from the last one: it is not overwritten
+                s[_OUT + 3 * _PAGE + which[k]] = s[_OUT + 3 * _PAGE + k]
         if few:
             _texels(s, cells, t, between, _PLACES + 4 * _PAGE, _NEXT, 4, _FEW, _TWO, few,
                     coarse, coarse_side, coarse_first)
@@ -284,9 +296,11 @@ def relief_of(depth, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyp
                 if other > _HALF:
                     for page in range(0, 4 * _PAGE, _PAGE):
                         s[_PLACES + page + j] = s[_PLACES + 4 * _PAGE + page + k]
-        _decode(s, i, horizon, slope_ax, slope_ay, horizon_a)
         for j in range(_N):
             place_x[i + j], place_y[i + j] = s[_PLACES + j], s[_PLACES + _PAGE + j]
+        if not sloping:
+            continue
+        _decode(s, i, horizon, slope_ax, slope_ay, horizon_a)
         _texels(s, cells, t, between, _PLACES + 2 * _PAGE, _OUT, 3, _LEVEL, _ZERO,
                 _N, fine, fine_side, fine_first)
         _decode(s, i, horizon, slope_bx, slope_by, horizon_b)

@@ -54,7 +54,8 @@ class ViewNodes(NamedTuple):
     """The textures, as compiled loops read them.
 
     Attributes:
-        codes: Of all nodes and levels, roots of the brightness over MOST.
+        codes: Of all nodes and levels, roots of the brightness over MOST: (lines + 2, along + 2)
+            of each, with the texels that follow at its edges.
         first: (nodes,) where those of a node begin.
         side: (elevations, LEVELS, 3) lines and texels along them of a level, and where it begins.
         number: (elevations,) first node of each; azimuths follow.
@@ -128,7 +129,8 @@ class ReliefViews:
                 seen = seen.reshape(n // 2, 2, m // 2, 2).mean(axis=(1, 3))
             deviations.append(float(seen.std()))
             at = start + int(nodes.side[k, level, 2])
-            nodes.codes[at:at + seen.size] = cv2.transpose(_coded(seen)).ravel()
+            codes = _with_edges(cv2.transpose(_coded(seen)), float(nodes.slant[node, 0]))
+            nodes.codes[at:at + codes.size] = codes.ravel()
         low, high = (max(float(part.std()), 1e-3) for part in sparse)
         falls = math.log2(low / high) / math.log2(_HIGHER)
         nodes.spread[node] = (deviations[0], min(max(falls, 0.0), 2.0), min(max(
@@ -197,8 +199,8 @@ def _empty_nodes() -> ViewNodes:
         for level in range(LEVELS):
             side[k, level, :2] = lines >> level, along >> level
             if level:
-                side[k, level, 2] = side[k, level - 1, 2] + np.prod(side[k, level - 1, :2])
-    sizes = np.repeat([int(np.prod(one[-1, :2]) + one[-1, 2]) for one in side], AZIMUTHS)
+                side[k, level, 2] = side[k, level - 1, 2] + np.prod(side[k, level - 1, :2] + 2)
+    sizes = np.repeat([int(np.prod(one[-1, :2] + 2) + one[-1, 2]) for one in side], AZIMUTHS)
     first = np.cumsum([0, *sizes])
     angles = np.concatenate([np.arange(n) * (2.0 * np.pi / n) for n in AZIMUTHS])
     x, y = np.cos(angles), np.sin(angles)
@@ -210,6 +212,20 @@ def _empty_nodes() -> ViewNodes:
                      np.array(AZIMUTHS, np.int32),
                      np.stack([slant, along_y], axis=-1).astype(np.float32),
                      np.zeros((sum(AZIMUTHS), 3), np.float32))
+
+
+def _with_edges(codes: NDArray[np.uint8], slant: float) -> NDArray[np.uint8]:
+    """Return (lines, along) codes with a texel more on each side, which wrap around."""
+    wide = np.pad(codes, 1, 'wrap')
+    # A line that leaves the tile goes on as another one.
+    lines = len(codes)
+    for column, other, turns in ((0, -1, -slant), (-1, 0, slant)):
+        at = np.arange(-1, lines + 1) + turns * lines
+        south = np.floor(at).astype(int)
+        edge = codes[:, other].astype(float)
+        low, high = edge[south % lines], edge[(south + 1) % lines]
+        wide[:, column] = np.rint(low + (at - south) * (high - low))
+    return wide
 
 
 @compiled

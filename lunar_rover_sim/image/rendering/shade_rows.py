@@ -87,14 +87,15 @@ def rover_shadow(depth, x, y, z, view, sun,  # type: ignore[no-untyped-def]
 
 
 @vectorised
-def shade(depth, x, y, vx, vy, vz, slope_x, slope_y, lit, albedo,  # type: ignore[no-untyped-def]
-          detail, slope_ax, slope_ay, slope_bx, slope_by, horizon_a, horizon_b, factor, of_rover,
+def shade(depth, near, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
+          slope_x, slope_y, lit, albedo, detail, slope_ax, slope_ay, slope_bx, slope_by, horizon_a, horizon_b, factor, of_rover,
           beside, pressed, loose, sun, centre, scales, least_scales, trodden, has_tracks,
           cos_i, cos_e, cos_g, theta, more_c, sunlit, normal_x, normal_y, normal_z, kept):
     """Fill in what the law and truth take of pixels, from all that has been looked up.
 
     Args:
-        depth to of_rover: (n,) as other loops fill them in.
+        depth to of_rover: (n,) as other loops fill them in. Chunks without any positive `near`
+            have no slopes; the light of their grid is left to `view_rows.light_of_views`.
         beside, pressed, loose: (n,) of tracks; they count with `has_tracks`.
         sun: Unit vector to it; to it over level ground; radius of its disc [rad].
         centre: Place of the middle of all cameras [m], reach of relief with shape [m].
@@ -120,6 +121,30 @@ def shade(depth, x, y, vx, vy, vz, slope_x, slope_y, lit, albedo,  # type: ignor
         if not any_positive(depth, i):
             for j in range(_N):
                 cos_i[i + j] = _ZERO
+            continue
+        for j in range(_N):
+            s[left + j] = _ONE
+            s[open_sky + j] = _ONE
+        if has_tracks:
+            # Relief below the grid is pressed flat in prints, and partly buried beside them.
+            for j in range(_N):
+                s[left + j] = _ONE - max(pressed[i + j], _BESIDE * loose[i + j])
+            for j in range(_N):
+                s[open_sky + j] = beside[i + j]
+            for j in range(_N):
+                albedo[i + j] *= _ONE - trodden[0] * pressed[i + j] - trodden[1] * loose[i + j]
+            for j in range(_N):
+                more_c[i + j] = trodden[3] * pressed[i + j]
+        else:
+            for j in range(_N):
+                more_c[i + j] = _ZERO
+        for j in range(_N):
+            kept[i + j] = s[left + j]
+        if not any_positive(near, i):
+            for j in range(_N):
+                cos_i[i + j], cos_e[i + j], theta[i + j], normal_z[i + j] = _ZERO, _ONE, _ZERO, _ONE
+            for j in range(_N):
+                cos_g[i + j] = vx[i + j] * sx + vy[i + j] * sy + vz[i + j] * sz
             continue
         for j in range(_N):
             s[gx + j] = slope_x[i + j]
@@ -156,15 +181,7 @@ def shade(depth, x, y, vx, vy, vz, slope_x, slope_y, lit, albedo,  # type: ignor
         for j in range(_N):
             p, q = x[i + j] - middle_x, y[i + j] - middle_y
             s[shaped + j] = shape_share(p, q, reach)
-        for j in range(_N):
-            s[left + j] = _ONE
-            s[open_sky + j] = _ONE
         if has_tracks:
-            # Relief below the grid is pressed flat in prints, and partly buried beside them.
-            for j in range(_N):
-                s[left + j] = _ONE - max(pressed[i + j], _BESIDE * loose[i + j])
-            for j in range(_N):
-                s[open_sky + j] = beside[i + j]
             for j in range(_N):
                 share = s[left + j]
                 s[ax + j] *= share
@@ -172,15 +189,6 @@ def shade(depth, x, y, vx, vy, vz, slope_x, slope_y, lit, albedo,  # type: ignor
                 s[bx + j] *= share
                 s[by + j] *= share
                 s[rest + j] = trodden[2] + share * (s[rest + j] - trodden[2])
-            for j in range(_N):
-                albedo[i + j] *= _ONE - trodden[0] * pressed[i + j] - trodden[1] * loose[i + j]
-            for j in range(_N):
-                more_c[i + j] = trodden[3] * pressed[i + j]
-        else:
-            for j in range(_N):
-                more_c[i + j] = _ZERO
-        for j in range(_N):
-            kept[i + j] = s[left + j]
         for j in range(_N):
             theta[i + j] = s[rest + j]
         for j in range(_N):

@@ -13,13 +13,14 @@ from lunar_rover_sim.image.rendering.row_math import (any_positive, CHUNK, NO_PI
 _N, _PAGE = CHUNK, PAGE
 _FINE, _LEVEL, _HEIGHT, _U, _V = (k * _PAGE for k in range(5))
 _LIGHT, _DEVIATION, _FALLS, _COARSER = (k * _PAGE for k in range(5, 9))
-_WEIGHT, _OWN_U, _OWN_V, _SLANT, _ALONG_Y, _PART, _SHARE, _OTHER_SHARE, _A, _B, _C, _D = (
+_WEIGHT, _OWN_U, _OWN_V, _SLANT, _ALONG_Y, _PART, _SHARE, _RANK, _A, _B, _C, _D = (
     k * _PAGE for k in range(9, 21))
-_NODE, _WEST, _NORTH, _EAST, _BOTH = (k * _PAGE for k in range(5))
-_ZERO, _HALF, _ONE, _TWO = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0))
+_NODE, _AT = 0, _PAGE
+_ZERO, _HALF, _ONE, _TWO, _FOUR = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0, 4.0))
+_THREE_HALVES = np.float32(1.5)
 _TINY, _LEAST_SINE = np.float32(1e-6), np.float32(1e-3)
 _FIRST, _LAST = np.float32(np.log2(FIRST_SINE)), np.float32(len(AZIMUTHS) - 1)
-_HIGH = np.float32(np.log2(0.4))        # above this sine of the view relief is drawn by its slopes
+_HIGH = np.float32(np.log2(0.32))       # above this sine of the view relief is drawn by its slopes
 _OF_TURN = np.float32(0.5 / np.pi)
 _PIXEL_M = np.float32(np.log2(0.35 / 554.0))    # of a pixel times the sine, see relief_views.py
 _QUARTERS = np.float32(4 * max(AZIMUTHS))
@@ -28,14 +29,14 @@ _FINER = np.float32(-2.0)       # pixels smaller than texels, in octaves: with a
 _LOWEST_SUN, _HIGHEST_SUN = np.float32(-2.0), np.float32(2.0)   # log2 of its tangent, over level
 _OF_CODE = np.float32(MOST / 255.0**2)
 _BRIGHTEST, _DARKEST = np.float32(MOST), np.float32(-60.0)
-_WITHIN = np.float32(0.75)      # of the elevation of a node; see `_share`
+_WITHIN = np.float32(0.75)      # of the elevation of a node: beyond, it has no weight
 _GRAZING, _TINIEST = np.float32(0.02), np.float32(1e-20)
 
 
 @inlined
-def _share(part):  # type: ignore[no-untyped-def]
+def _of_next(part):  # type: ignore[no-untyped-def]
     """Return how much of the next azimuth a place between two has: mostly one is enough."""
-    return min(max(_TWO * part - _HALF, _ZERO), _ONE)
+    return min(max(_FOUR * part - _THREE_HALVES, _ZERO), _ONE)
 
 
 @vectorised
@@ -49,7 +50,7 @@ def nodes_of(depth, x, y, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-untyp
         azimuths, number: As `ViewNodes` has them.
         far: (n,) filled in: share of the light that textures have.
         near: (n,) filled in: depth where they have not all of it, elsewhere 0.
-        rank: (n,) filled in: elevation of the view, as a place between nodes.
+        rank: (n,) filled in: elevation of the view, as a place between nodes or beyond them.
         turn: (n,) filled in: azimuth of the view [turns], 0 to 1.
         wanted: (nodes,) those that are seen are set.
 
@@ -67,11 +68,13 @@ def nodes_of(depth, x, y, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-untyp
             p, q = slope_x[j], slope_y[j]
             sine = (vz[j] - p * vx[j] - q * vy[j]) / np.sqrt(p * p + q * q + _ONE)
             high = log2(max(sine, _LEAST_SINE))
-            rank[j] = min(max(_FIRST - high, _ZERO), _LAST)
+            rank[j] = _FIRST - high
             share = min(max((_HIGH - high) / (_HIGH - _FIRST), _ZERO), _ONE)
             shaped = shape_share(x[j] - centre[0], y[j] - centre[1], centre[2])
             far[j] = share * (_ONE - shaped) if depth[j] > _ZERO else _ZERO
             near[j] = depth[j] if far[j] < _ONE else _ZERO
+        if not any_positive(far, i):
+            continue
         for j in range(i, i + _N):
             across = max(vx[j] * vx[j] + vy[j] * vy[j], _TINY)
             angle = _OF_TURN * arc_cosine(min(max(vx[j] / np.sqrt(across), -_ONE), _ONE))
@@ -79,17 +82,18 @@ def nodes_of(depth, x, y, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-untyp
         last = -_ONE
         for j in range(i, i + _N):
             # Neighbours see the same: quarters of the narrowest steps of azimuth tell them apart.
-            own = np.floor(rank[j]) * _QUARTERS + np.floor(turn[j] * _QUARTERS)
+            high = min(max(rank[j], _ZERO), _LAST)
+            own = np.floor(high) * _QUARTERS + np.floor(turn[j] * _QUARTERS)
             own = own if far[j] > _ZERO else last
             if own != last:
                 last = own
                 seen = True
-                first = int(rank[j])
+                first = int(high)
                 for elevation in range(first, min(first + 2, len(azimuths))):
                     n = azimuths[elevation]
                     place = turn[j] * np.float32(n)
                     a = int(place)
-                    share = _share(place - np.float32(a))
+                    share = _of_next(place - np.float32(a))
                     if share < _ONE:
                         wanted[number[elevation] + a] = True
                     if share > _ZERO:
@@ -107,44 +111,28 @@ def _add_node(s, place, which, count, codes, first, begins,  # type: ignore[no-u
         codes, first, slant, spread: As `ViewNodes`.
         begins, lines, along: Of the level that is read, as `ViewNodes.side` has them.
     """
-    wide, high = np.float32(along), np.float32(lines)
+    wide, high, stride = np.float32(along), np.float32(lines), np.int32(along + 2)
     for k in range(count):
         node = place[_NODE + k]
         s[_SLANT + k], s[_ALONG_Y + k] = slant[node, 0], slant[node, 1]
-        place[_WEST + k] = np.int32(first[node] + begins)
+        place[_AT + k] = np.int32(first[node] + begins)
     for k in range(count):
         along_y = s[_ALONG_Y + k] > _HALF
         u, v = s[_OWN_U + k], s[_OWN_V + k]
         u, v = (v if along_y else u), (u if along_y else v)
-        # Columns wrap around, and a line that does goes on as another one.
-        column = u * wide - _HALF
-        west = np.floor(column)
-        s[_PART + k] = column - west
-        before, after = (_ONE if west < _ZERO else _ZERO), (_ONE if west + _ONE >= wide else _ZERO)
         line = v - s[_SLANT + k] * u
-        low, high_line = line - s[_SLANT + k] * before, line + s[_SLANT + k] * after
-        west, east = west + wide * before, west + _ONE - wide * after
-        line = (low - np.floor(low)) * high - _HALF
-        south = np.floor(line)
-        s[_SHARE + k] = line - south
-        other = (high_line - np.floor(high_line)) * high - _HALF
-        below = np.floor(other)
-        s[_OTHER_SHARE + k] = other - below
-        north = _ZERO if south + _ONE >= high else south + _ONE
-        over = _ZERO if below + _ONE >= high else below + _ONE
-        south, below = (south + high if south < _ZERO else south,
-                        below + high if below < _ZERO else below)
-        start = place[_WEST + k]
-        place[_WEST + k] = np.int32(start + np.int32(south * wide + west))
-        place[_NORTH + k] = np.int32(start + np.int32(north * wide + west))
-        place[_EAST + k] = np.int32(start + np.int32(below * wide + east))
-        place[_BOTH + k] = np.int32(start + np.int32(over * wide + east))
+        column, line = u * wide + _HALF, (line - np.floor(line)) * high + _HALF
+        west, south = np.floor(column), np.floor(line)
+        s[_PART + k], s[_SHARE + k] = column - west, line - south
+        place[_AT + k] += np.int32(south) * stride + np.int32(west)
     for k in range(count):
-        s[_A + k], s[_B + k] = codes[place[_WEST + k]], codes[place[_NORTH + k]]
-        s[_C + k], s[_D + k] = codes[place[_EAST + k]], codes[place[_BOTH + k]]
+        at = np.uint32(place[_AT + k])
+        s[_A + k], s[_C + k] = codes[at], codes[at + np.uint32(1)]
+        at = np.uint32(place[_AT + k] + stride)
+        s[_B + k], s[_D + k] = codes[at], codes[at + np.uint32(1)]
     for k in range(count):
         a = s[_A + k] + s[_SHARE + k] * (s[_B + k] - s[_A + k])
-        b = s[_C + k] + s[_OTHER_SHARE + k] * (s[_D + k] - s[_C + k])
+        b = s[_C + k] + s[_SHARE + k] * (s[_D + k] - s[_C + k])
         s[_A + k] = a * a + s[_PART + k] * (b * b - a * a)
     for k in range(count):
         j, node, weight = which[k], place[_NODE + k], s[_WEIGHT + k]
@@ -156,12 +144,12 @@ def _add_node(s, place, which, count, codes, first, begins,  # type: ignore[no-u
 
 @vectorised
 def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-untyped-def]
-                vx, vy, vz, slope_x, slope_y, pixel, sun, codes, first, side, number, azimuths,
+                slope_x, slope_y, pixel, sun, codes, first, side, number, azimuths,
                 slant, spread, result):
     """Fill in the brightness of the relief that pixels see, over its mean.
 
     Args:
-        depth, vx, vy, vz, slope_x, slope_y: (n,) as other loops fill them in.
+        depth, slope_x, slope_y: (n,) as other loops fill them in.
         far, rank, turn: (n,) as `nodes_of` fills them in.
         place_x, place_y: (n,) in periods of the coarse tile, as `relief_of` has them.
         pixel: Size of one at depth 1.
@@ -169,7 +157,7 @@ def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-unt
         codes to spread: As `ViewNodes`.
         result: (n,).
     """
-    s, place = np.empty(21 * _PAGE, np.float32), np.empty(5 * _PAGE, np.int32)
+    s, place = np.empty(21 * _PAGE, np.float32), np.empty(2 * _PAGE, np.int32)
     which, some = np.empty(_N, np.int64), np.empty(_N, np.int64)
     deepest = len(azimuths) - 1
     for c in range(len(depth) // _N):
@@ -180,9 +168,9 @@ def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-unt
             continue
         for j in range(_N):
             p, q = slope_x[i + j], slope_y[i + j]
-            sine = (vz[i + j] - p * vx[i + j] - q * vy[i + j]) / np.sqrt(p * p + q * q + _ONE)
-            fine = log2(max(depth[i + j] * pixel * max(sine, _LEAST_SINE), _TINY)) - _PIXEL_M
+            fine = log2(max(depth[i + j] * pixel, _TINY)) + _FIRST - rank[i + j] - _PIXEL_M
             s[_FINE + j] = max(fine, _FINER)
+            s[_RANK + j] = min(max(rank[i + j], _ZERO), _LAST)
             s[_LEVEL + j] = min(max(np.rint(s[_FINE + j]), _ZERO), _COARSEST)
             height = (sun[5] - p * sun[3] - q * sun[4]) / sun[6]
             s[_HEIGHT + j] = min(max(log2(max(height, _TINY)), _LOWEST_SUN), _HIGHEST_SUN)
@@ -194,7 +182,7 @@ def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-unt
         low, high, least, most = deepest, 0, LEVELS, 0
         for j in range(_N):
             if far[i + j] > _ZERO:
-                k, level = int(rank[i + j]), int(s[_LEVEL + j])
+                k, level = int(s[_RANK + j]), int(s[_LEVEL + j])
                 low, high, least, most = min(low, k), max(high, k), min(least, level), max(most,
                                                                                            level)
         for elevation in range(low, min(high + 1, deepest) + 1):
@@ -203,7 +191,7 @@ def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-unt
                 few, own, of_level = NO_PIXELS, np.float32(elevation), np.float32(level)
                 for j in range(_N):
                     which[few] = j
-                    wanted = (abs(rank[i + j] - own) < _WITHIN) & (s[_LEVEL + j] == of_level)
+                    wanted = (abs(s[_RANK + j] - own) < _WITHIN) & (s[_LEVEL + j] == of_level)
                     few += wanted & (far[i + j] > _ZERO)
                 for second in range(2):
                     number_of = NO_PIXELS
@@ -211,14 +199,14 @@ def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-unt
                         j = which[k]
                         at = turn[i + j] * n
                         a = np.floor(at)
-                        share = _share(at - a)
+                        share = _of_next(at - a)
                         share = share if second else _ONE - share
                         a += np.float32(second)
                         a = a - n if a >= n else a
                         some[number_of] = j
                         place[_NODE + number_of] = np.int32(base + np.int32(a))
-                        s[_WEIGHT + number_of] = share * _share(
-                            _ONE - abs(rank[i + j] - own))
+                        s[_WEIGHT + number_of] = share * min(max(
+                            _THREE_HALVES - _TWO * abs(s[_RANK + j] - own), _ZERO), _ONE)
                         s[_OWN_U + number_of], s[_OWN_V + number_of] = s[_U + j], s[_V + j]
                         number_of += share > _ZERO
                     _add_node(s, place, some, number_of, codes, first, side[elevation, level, 2],
@@ -235,36 +223,40 @@ def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-unt
 
 @vectorised
 def light_of_views(far, of_grid, of_rover, beside, kept,  # type: ignore[no-untyped-def]
-                   slope_x, slope_y, vx, vy, vz, sun, whole, trodden, has_tracks,
-                   lit, cos_i, cos_e, theta, seen):
+                   slope_x, slope_y, vx, vy, vz, normal_z, sun, whole, trodden, has_tracks,
+                   lit, cos_i, cos_e, theta, seen, upward):
     """Replace what the law takes of a pixel by that of the grid alone, as far as textures go.
 
     Args:
         far: (n,) as `nodes_of` fills it in.
         of_grid: (n,) share of the sun over the grid.
-        of_rover, beside, kept, slope_x, slope_y, vx, vy, vz: (n,) as other loops fill them in.
+        of_rover, beside, kept, slope_x, slope_y, vx, vy, vz, normal_z: (n,) as other loops fill
+            them in.
         sun: Unit vector to it.
         whole: Tangent of the roughness of ground no relief of which is drawn.
         trodden, has_tracks: As for `shade_rows.shade`.
         lit, cos_i, cos_e, theta: (n,) as that fills them in.
         seen: (n,) as `seen_relief` fills it in; replaced by the factor that makes, of this light,
             light of which the part of the textures is multiplied by that.
+        upward: (n,) filled in: vertical part of the normal.
     """
     for i in range(len(far)):
         share, p, q = far[i], slope_x[i], slope_y[i]
+        slopes = _ONE - share
         open_sky = beside[i] if has_tracks else _ONE
         up = _ONE / np.sqrt(p * p + q * q + _ONE)
         incidence = max(up * (sun[2] - p * sun[0] - q * sun[1]), _ZERO)
         emission = max(up * (vz[i] - p * vx[i] - q * vy[i]), _GRAZING)
         rough = trodden[2] + kept[i] * (whole - trodden[2])
-        by_slopes, by_views = (_ONE - share) * lit[i], share * of_grid[i] * open_sky * of_rover[i]
+        by_slopes, by_views = slopes * lit[i], share * of_grid[i] * open_sky * of_rover[i]
         relief = _ONE + kept[i] * (seen[i] - _ONE)
         both = max(by_slopes + by_views, _TINIEST)
         seen[i] = (by_slopes + by_views * relief) / both
         lit[i] = by_slopes + by_views
-        cos_i[i] += share * (incidence - cos_i[i])
-        cos_e[i] += share * (emission - cos_e[i])
-        theta[i] += share * (rough - theta[i])
+        cos_i[i] = slopes * cos_i[i] + share * incidence
+        cos_e[i] = slopes * cos_e[i] + share * emission
+        theta[i] = slopes * theta[i] + share * rough
+        upward[i] = slopes * normal_z[i] + share * up
 
 
 @vectorised

@@ -1,5 +1,6 @@
 """At low views the relief below the grid looks as rays cast at its heights see it."""
 
+import dataclasses
 import math
 
 from benchmarks.bench_contrast import bands
@@ -10,13 +11,14 @@ import pytest
 
 from lunar_rover_sim.image.camera.config import CameraConfig
 from lunar_rover_sim.image.illumination import hapke
+from lunar_rover_sim.image.illumination.config import LampConfig
 from lunar_rover_sim.image.rendering.config import DetailConfig
 from lunar_rover_sim.image.rendering.relief_tiles import start_tiles
 from lunar_rover_sim.image.rendering.relief_views import relief_views
 from lunar_rover_sim.image.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 
-DETAIL = DetailConfig(relief_by_view=True, bounce=False, smooth_outlines=False)
+DETAIL = DetailConfig(bounce=False, smooth_outlines=False)
 SUN_DEG, SEED = 15.0, 61
 DISTANCES_M = 3.0, 6.0
 
@@ -56,6 +58,30 @@ def test_no_shadow_is_seen_away_from_the_sun(renderer):
     """The eye is lower than the sun: what it sees is lit."""
     for light in bands(renderer, 180.0, DISTANCES_M, places=2)[0]:
         assert light.min() > 0.7
+
+
+def test_light_does_not_depend_on_what_is_asked_for(renderer):
+    """Where textures have all of the light, slopes are looked up for the truth alone."""
+    state = RoverPose(scene.pose(yaw_deg=30.0))
+    alone = renderer.render(state, 0, ('radiance',)).radiance.copy()
+    both = renderer.render(state, 0, ('radiance', 'shadow', 'normal')).radiance
+    np.testing.assert_array_equal(alone, both)
+
+
+def test_light_of_sun_and_lamp_adds_up(config):
+    """The relief that the sun shows is no factor on what the lamp lights."""
+    def image(irradiance, power_w):
+        own = dataclasses.replace(
+            config, sun=dataclasses.replace(config.sun, irradiance=irradiance),
+            lamp=LampConfig(power_w=power_w))
+        with Renderer(scene.plane(513, cell_m=0.05), scene.ROVER, own, SEED) as renderer:
+            frame = renderer.render(RoverPose(scene.pose()), 0, ('radiance', 'depth'))
+            return frame.radiance.astype(float), frame.depth_m
+    bright = config.sun.irradiance
+    (both, depth_m), (sun, _), (lamp, _) = image(bright, 5e3), image(bright, 0.0), image(0.0, 5e3)
+    far = (depth_m > 1.4) & (depth_m < 2.5)     # farther, pixels take light of their neighbours
+    assert far.sum() > 10_000 and (lamp[far] > 0.1 * sun[far].mean()).mean() > 0.2
+    np.testing.assert_allclose(both[far], (sun + lamp)[far], atol=2e-3 * sun[far].mean())
 
 
 def test_order_of_views_does_not_matter(config):

@@ -96,17 +96,6 @@ def test_two_windows_show_one_picture(renderer, windows):
         assert (np.abs(first.normal[near] - second.normal[near]) < 1e-2).mean() > 0.998
 
 
-def test_two_windows_show_one_relief_at_low_views(windows):
-    detail = dataclasses.replace(CONFIG.detail, relief_by_view=True)
-    with Renderer(windows[0], scene.ROVER, dataclasses.replace(CONFIG, detail=detail)) as drawn:
-        states = poses(windows[0])[:2]
-        for first, second in zip(frames(drawn, windows[0], states),
-                                 frames(drawn, windows[1], states)):
-            near = (first.depth_m < 10.0) & (second.depth_m < 10.0)
-            levels = np.abs(first.left.astype(int) - second.left)
-            assert (levels[near] <= 1).mean() > 0.999
-
-
 def test_texture_would_not_agree_without_the_place_in_the_site(renderer, windows):
     # What the test above sees: the same window as if it lay elsewhere has another texture.
     state = poses(windows[0])[0]
