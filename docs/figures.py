@@ -11,7 +11,8 @@ the latter stay for pages, each by a name of its own. A page says `{{ NAME.value
 `{{ NAME.table }}`, and is filled in when it is built.
 
 What a figure depends on is a subject, such as the light. Its state is a sum over files that change
-whenever its behaviour does: hashes of worlds, and stored numbers of the regression cases; or code.
+whenever its behaviour does: hashes of worlds, stored numbers of the regression cases, reference
+pictures; or code.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     'ground': ('test/ground/world/test_same_everywhere.py::KNOWN',),
     'walk': ('test/regression/test_rover/*.csv',),
     'soil': ('lunar_rover_sim/ground/regolith/law.py', 'lunar_rover_sim/ground/regolith/soil.py'),
-    'light': ('test/regression/test_light/*.csv', 'test/regression/test_images/*.csv'),
+    'light': ('test/regression/test_light/*.csv', 'test/regression/test_images/*.csv',
+              'test/image/rendering/test_pictures/*.npz'),
     'place': ('lunar_rover_sim/judge/slam/graph/*.py',
               'lunar_rover_sim/ground/world/orbital_making.py',
               'lunar_rover_sim/ground/world/orbital_map.py'),

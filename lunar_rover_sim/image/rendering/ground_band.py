@@ -22,7 +22,7 @@ from lunar_rover_sim.image.rendering.projection import ViewNumbers
 from lunar_rover_sim.image.rendering.relief_brightness import relief_factor
 from lunar_rover_sim.image.rendering.relief_map import ReliefShape
 from lunar_rover_sim.image.rendering.relief_rows import relief_of
-from lunar_rover_sim.image.rendering.relief_views import ReliefViews
+from lunar_rover_sim.image.rendering.relief_views import MOST, ReliefViews
 from lunar_rover_sim.image.rendering.rover_shadow import CastShadow
 from lunar_rover_sim.image.rendering.row_math import CHUNK, COLUMNS
 from lunar_rover_sim.image.rendering.shade_rows import may_shade, radiance_of, rover_shadow, shade
@@ -31,7 +31,7 @@ from lunar_rover_sim.image.rendering.tint_rows import tint_of
 from lunar_rover_sim.image.rendering.track_map import add_prints, prints_of, TrackArrays
 from lunar_rover_sim.image.rendering.truth_rows import light_of, shape_of
 from lunar_rover_sim.image.rendering.view_rows import (factor_of_views, light_of_views, nodes_of,
-                                                       seen_relief)
+                                                       seen_relief, shares_of_views)
 
 F32 = NDArray[np.float32]
 
@@ -41,7 +41,7 @@ _NUMBERS = (
     'slope_bx slope_by horizon_a horizon_b factor of_rover cos_i cos_e cos_g theta more_c sunlit '
     'normal_x normal_y normal_z kept reflectance direct whole lamp lamp_i lamp_g of_lamp print_x '
     'print_y print_horizon print_seen print_coarse pressed loose beside zero place_x place_y '
-    'of_grid far near rank turn seen relief upward lamp_r').split()
+    'of_grid far near rank turn seen share relief upward lamp_r').split()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,6 +92,7 @@ class GroundImage:
         depth_m: (h, w), 0 where there is none [m].
         radiance: (h, w), None where it is not lit [W m-2 sr-1].
         relief: (h, w) factor on radiance, of the relief that is seen at low views; None without.
+        of_relief: The source whose relief that is.
         tint: (h, w) as `sensor.Tint`; None without colour.
         label, crater: (h, w) uint16; None where truth is not asked for, as all that follow.
         normal: (h, w, 3) world axes.
@@ -101,6 +102,7 @@ class GroundImage:
     depth_m: F32
     radiance: F32 | None = None
     relief: F32 | None = None
+    of_relief: GroundSource | None = None
     tint: NDArray[np.uint32] | None = None
     label: NDArray[np.uint16] | None = None
     crater: NDArray[np.uint16] | None = None
@@ -171,7 +173,8 @@ class Band:
             add_prints(*get('depth print_x print_y print_horizon print_seen print_coarse'),
                        constants.sun, *get('slope_x slope_y beside'))
         views = texels.views
-        far = views is not None and self._find_views(seen, views)
+        wanted = None if views is None else self._find_views(seen, views)
+        far = wanted is not None
         # The lamp and truth take slopes of all ground.
         near = 'near' if far and source.lamp is None and image.shadow is None else 'depth'
         relief_of(*get(f'depth {near} x y detail'), texels.tile, texels.zone, texels.horizon,
@@ -186,8 +189,8 @@ class Band:
             own['of_grid'][:] = own['lit']
         relief_factor(*get(f'{"near" if far else "depth"} slope_x slope_y vx vy vz detail'),
                       seen.factor, texels.factor, own['factor'])
-        shade(*get(f'depth {near} x y vx vy vz slope_x slope_y lit albedo detail slope_ax slope_ay '
-                   'slope_bx slope_by horizon_a horizon_b factor of_rover '
+        shade(*get(f'depth {near} x y vx vy vz slope_x slope_y lit albedo detail '
+                   'slope_ax slope_ay slope_bx slope_by horizon_a horizon_b factor of_rover '
                    'beside pressed loose'), constants.sun, seen.centre, texels.scales,
               texels.least_scales, constants.trodden, tracks is not None,
               *get('cos_i cos_e cos_g theta more_c sunlit normal_x normal_y normal_z kept'))
@@ -198,12 +201,18 @@ class Band:
                     *get('lamp lamp_i lamp_g'))
             fill_reflectance(*get('lamp_i cos_e lamp_g theta albedo more_c'), constants.law,
                              own['lamp_r'])
-        if views is not None and far:
-            seen_relief(*get('depth far rank turn place_x place_y slope_x slope_y'),
-                        np.float32(view.pixel), seen.factor, *views.nodes, own['seen'])
+        if views is not None and wanted is not None:
+            of_pixels = (*get('depth far rank turn place_x place_y slope_x slope_y'),
+                         np.float32(view.pixel), seen.factor)
+            seen_relief(*of_pixels, *views.nodes, np.float32(1.0), own['seen'])
             light_of_views(*get('far of_grid of_rover beside kept slope_x slope_y vx vy vz '
                                 'normal_z'), constants.sun, constants.theta, constants.trodden,
                            tracks is not None, *get('lit cos_i cos_e theta seen upward'))
+            if image.shadow is not None and not add:
+                views.shares.ready(wanted)
+                seen_relief(*of_pixels, *views.shares.nodes, np.float32(MOST), own['share'])
+                shares_of_views(*get('far of_grid beside kept slope_x slope_y share'),
+                                tracks is not None, *get('sunlit normal_x normal_y normal_z'))
         fill_reflectance(*get('cos_i cos_e cos_g theta albedo more_c'), constants.law,
                          own['reflectance'])
         upward = 'upward' if far else 'normal_z'
@@ -213,9 +222,9 @@ class Band:
             add_lamp(*get('lamp_r lamp of_lamp whole'))
         if far:
             factor_of_views(*get('seen direct whole relief'))
-            if image.relief is not None and not add:
+            if image.relief is not None and source is image.of_relief:
                 spread(self.rows, row, own['relief'], image.relief, False)
-            else:   # the factors of an image are those of its first source
+            else:
                 own['whole'] *= own['relief']
         assert image.radiance is not None
         spread(self.rows, row, own['whole'], image.radiance, add)
@@ -226,14 +235,14 @@ class Band:
                     constants.lamp_tint, self._tint)
             spread(self.rows, row, self._tint, image.tint, False)
 
-    def _find_views(self, seen: SeenSource, views: ReliefViews) -> bool:
-        """Find which textures a band shows, if any; those are ready then."""
+    def _find_views(self, seen: SeenSource, views: ReliefViews) -> NDArray[np.bool_] | None:
+        """Return which textures a band shows; those are ready then. None: no texture."""
         nodes = views.nodes
         wanted = np.zeros(len(nodes.first), np.bool_)
         found = nodes_of(*self._get('depth x y vx vy vz slope_x slope_y'), seen.centre,
                          nodes.azimuths, nodes.number, *self._get('far near rank turn'), wanted)
         views.ready(wanted)
-        return bool(found)
+        return wanted if found else None
 
     def _look_up(self, tracks: TrackArrays, *, any_level: bool) -> None:
         prints_of(*self._get('depth x y level'), *tracks, any_level,

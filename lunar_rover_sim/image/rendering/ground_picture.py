@@ -67,7 +67,9 @@ class Part:
         image = GroundImage(self.depth_m)
         if self.lit:    # read where there is ground
             image.radiance = np.empty(size, np.float32)
-        if self.lit and self.sources[0].texels.views is not None:
+        image.of_relief = next((source for source in self.sources
+                                if source.texels.views is not None), None)
+        if self.lit and image.of_relief is not None:
             image.relief = np.ones(size, np.float32)
         if self.lit and self.colour:
             image.tint = np.empty(size, np.uint32)

@@ -44,8 +44,9 @@ _TABLE = 48             # nodes of the law along each cosine; of their roots
 _BEFORE = 4             # lines begin a part of the period before they are seen: one over this
 _HALF, _ONE = np.float32(0.5), np.float32(1.0)
 _OF_MOST = np.float32(1.0 / MOST)
-_BETWEEN = [one.astype(np.float32) for one in np.meshgrid(
-    *2 * [np.linspace(0.0, _TABLE - 1.0, 256)])]    # where the law is read for each byte
+# Where the law is read, for each byte of both.
+_AT_EMISSION, _AT_INCIDENCE = (one.astype(np.float32) for one in np.meshgrid(
+    *2 * [np.linspace(0.0, _TABLE - 1.0, 256)]))
 _BESIDE = np.float32(0.1)   # of the mean: what is hidden is as what hides it
 _HIGHER, _SPARSE = 2.0, 16  # another sun, as a factor on its tangent; one in so many lines for it
 
@@ -61,8 +62,9 @@ class ViewNodes(NamedTuple):
         number: (elevations,) first node of each; azimuths follow.
         azimuths: (elevations,) their numbers.
         slant: (nodes, 2) slope of the lines of a node, whether they run along y.
-        spread: (nodes, 3) standard deviation of the brightness; log2 of its fall for a sun twice
-            as high, and from a level to the next.
+        spread: (nodes, LEVELS, 4) log2 of the fall of contrast for a sun twice as high, and from a
+            level to the next; a and b of the mean with contrast times c > 1, which is
+            1 + (c - 1)^2 (a + b (c - 1)), since what would be below 0 is black.
     """
 
     codes: NDArray[np.uint8]
@@ -82,8 +84,17 @@ class ReliefViews:
     """
 
     def __init__(self, tiles: ReliefTiles, reflectance: ReflectanceConfig, tangent: float,
-                 sun_radius_rad: float) -> None:
-        """Lay both tiles over each other; tangent: of the elevation of the sun."""
+                 sun_radius_rad: float, *, shares: bool = False) -> None:
+        """Lay both tiles over each other.
+
+        Args:
+            tangent: Of the elevation of the sun.
+            shares: Textures hold the share of the sun that is left, times MOST, in place of the
+                brightness.
+        """
+        self._recipe = tiles, reflectance, tangent, sun_radius_rad
+        self._is_shares, self._lock = shares, threading.Lock()
+        self._shares: ReliefViews | None = None
         self._ground = hapke.parameter_set(reflectance.ground)
         self._albedo = reflectance.albedo_scale
         heights, texel_m = _together(tiles)
@@ -94,9 +105,11 @@ class ReliefViews:
         suns = [tangent, _HIGHER * tangent]
         self._suns = [_unit(tiles.heading, one) for one in suns]
         horizon = _horizon(heights, texel_m, tiles.heading, suns)
-        lit = [_incidence(slope, sun, fine_relief.disc_share(
-            (own - horizon) / (sun_radius_rad * (1.0 + own * own))))
-            for own, sun in zip(suns, self._suns)]
+        left_of_sun = [fine_relief.disc_share((own - horizon)
+                                              / (sun_radius_rad * (1.0 + own * own)))
+                       for own in suns]
+        lit = [_roots(share if shares else share * _incidence(slope, sun))
+               for share, sun in zip(left_of_sun, self._suns)]
         over = heights / np.float32(texel_m)
         # For lines along x, and along y.
         self._maps = [[turned(one) for one in (over, *lit)] for turned in (
@@ -104,6 +117,14 @@ class ReliefViews:
         self._locks = [threading.Lock() for _ in range(sum(AZIMUTHS))]
         self._ready = np.zeros(sum(AZIMUTHS), np.bool_)
         self.nodes = _empty_nodes()
+
+    @property
+    def shares(self) -> ReliefViews:
+        """Textures of the share of the sun, of the same views."""
+        with self._lock:
+            if self._shares is None:
+                self._shares = ReliefViews(*self._recipe, shares=True)
+        return self._shares
 
     def ready(self, wanted: NDArray[np.bool_]) -> None:
         """Fill in the nodes that are wanted, (nodes,), and not there yet; in any thread."""
@@ -122,35 +143,47 @@ class ReliefViews:
         view = np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), sine])
         along_y = bool(nodes.slant[node, 1])    # at 45 deg processors differ
         seen, *sparse = self._cast(view, along_y, _LINES[k], _ALONG[k])
-        deviations, start = [], int(nodes.first[node])
+        deviations = []
         for level in range(LEVELS):
             if level:
                 n, m = seen.shape
                 seen = seen.reshape(n // 2, 2, m // 2, 2).mean(axis=(1, 3))
-            deviations.append(float(seen.std()))
-            at = start + int(nodes.side[k, level, 2])
-            codes = _with_edges(cv2.transpose(_coded(seen)), float(nodes.slant[node, 0]))
+            codes, deviation, twice, four_times = _coded(seen)
+            at = int(nodes.first[node]) + int(nodes.side[k, level, 2])
+            codes = _with_edges(cv2.transpose(codes), float(nodes.slant[node, 0]))
             nodes.codes[at:at + codes.size] = codes.ravel()
-        low, high = (max(float(part.std()), 1e-3) for part in sparse)
+            if self._is_shares:
+                continue
+            deviations.append(max(deviation, 1e-3))
+            b = (four_times - 1.0 - 9.0 * (twice - 1.0)) / 18.0
+            nodes.spread[node, level, 2:] = twice - 1.0 - b, b
+        # What is in shadow stands for the contrast of shares.
+        low, high = (max(MOST - float(part.mean()) if self._is_shares else float(part.std()), 1e-3)
+                     for part in sparse)
         falls = math.log2(low / high) / math.log2(_HIGHER)
-        nodes.spread[node] = (deviations[0], min(max(falls, 0.0), 2.0), min(max(
-            math.log2(max(deviations[0], 1e-3) / max(deviations[1], 1e-3)), 0.0), 1.0))
+        coarser = 0.0 if self._is_shares else math.log2(deviations[0] / deviations[1])
+        nodes.spread[node, :, :2] = min(max(falls, 0.0), 2.0), min(max(coarser, 0.0), 1.0)
 
     def _cast(self, view: Array, along_y: bool, lines: int, along: int) -> tuple[F32, F32, F32]:
-        """Return the brightness over its mean of what is seen from a direction.
+        """Return the brightness over its mean of what is seen from a direction, or the share.
 
         (along, lines) of the sun; of it and of the higher one on one in _SPARSE lines.
         """
-        root = np.linspace(0.0, 1.0, _TABLE)**2
-        laws = np.stack([hapke.reflectance(
-            root[:, None], np.maximum(root, 0.02)[None, :], float(view @ sun), self._ground,
-            albedo=self._albedo, theta_deg=self._theta_deg) for sun in self._suns])
-        laws = np.stack([cv2.remap(law.astype(np.float32), *_BETWEEN, cv2.INTER_LINEAR)
-                         for law in laws])
+        if self._is_shares:
+            laws = np.tile(MOST * np.linspace(0.0, 1.0, 256, dtype=np.float32)[:, None]**2,
+                           (2, 1, 2))
+        else:
+            root = np.linspace(0.0, 1.0, _TABLE)**2
+            laws = np.stack([cv2.remap(hapke.reflectance(
+                root[:, None], np.maximum(root, 0.02)[None, :], float(view @ sun), self._ground,
+                albedo=self._albedo, theta_deg=self._theta_deg).astype(np.float32),
+                _AT_EMISSION, _AT_INCIDENCE, cv2.INTER_LINEAR) for sun in self._suns])
         seen = np.empty((along, lines), np.float32)
         sparse = np.empty((2, along, lines // _SPARSE), np.float32)
         _follow(*self._maps[along_y], (view[[1, 0, 2]] if along_y else view).astype(np.float32),
                 laws, seen, sparse)
+        if self._is_shares:
+            return seen, sparse[0], sparse[1]
         one, other, higher = (part / max(float(part.mean()), 1e-9) for part in (seen, *sparse))
         return one, other, higher
 
@@ -185,12 +218,16 @@ def _horizon(heights: F32, texel_m: float, heading: Array, suns: list[float]) ->
                                suns[0] + step * np.arange(-4.0, 9.0))
 
 
-def _incidence(slope: F32, sun: Array, share: F32) -> NDArray[np.uint8]:
-    """Return (n, n) roots of the cosine of incidence times the share of the sun, over 255."""
+def _incidence(slope: F32, sun: Array) -> F32:
+    """Return (n, n) cosines of incidence, 0 where slopes turn away."""
     p, q = slope[..., 0], slope[..., 1]
     x, y, z = sun.astype(np.float32)
     cosine = (z - x * p - y * q) / np.sqrt(p * p + q * q + np.float32(1.0))
-    return np.rint(255.0 * np.sqrt(np.clip(cosine, 0.0, 1.0) * share)).astype(np.uint8)
+    return np.asarray(np.clip(cosine, 0.0, 1.0))
+
+
+def _roots(light: F32) -> NDArray[np.uint8]:
+    return np.rint(255.0 * np.sqrt(light)).astype(np.uint8)
 
 
 def _empty_nodes() -> ViewNodes:
@@ -211,7 +248,7 @@ def _empty_nodes() -> ViewNodes:
                      np.cumsum([0, *AZIMUTHS[:-1]]).astype(np.int32),
                      np.array(AZIMUTHS, np.int32),
                      np.stack([slant, along_y], axis=-1).astype(np.float32),
-                     np.zeros((sum(AZIMUTHS), 3), np.float32))
+                     np.zeros((sum(AZIMUTHS), LEVELS, 4), np.float32))
 
 
 def _with_edges(codes: NDArray[np.uint8], slant: float) -> NDArray[np.uint8]:
@@ -279,7 +316,7 @@ def _follow(heights, lit, higher, view, laws, seen, sparse):  # type: ignore[no-
 
     Args:
         heights: (n, n) periodic, in texels, along y in a row.
-        lit, higher: (n, n) as `_incidence`, of the sun and of a higher one.
+        lit, higher: (n, n) as `_roots`, of the sun and of a higher one.
         view: Unit vector to the camera, which is more along x than along y.
         laws: (2, 256, m) reflectance by roots of cosines of incidence and emission, of both suns.
         seen: (along, lines) filled in, the mean of n / lines of them.
@@ -351,9 +388,20 @@ def _divide(light, areas, from_east):  # type: ignore[no-untyped-def]
 
 @vectorised
 def _coded(seen):  # type: ignore[no-untyped-def]
-    """Return the codes of a texture."""
-    codes = np.empty(seen.shape, np.uint8)
-    values, out = seen.ravel(), codes.ravel()
-    for k in range(len(values)):
-        out[k] = np.uint8(np.float32(255.0) * np.sqrt(min(values[k] * _OF_MOST, _ONE)) + _HALF)
-    return codes
+    """Return the codes of a texture, its standard deviation, its means with contrast times 2, 4.
+    """
+    codes, zero = np.empty(seen.shape, np.uint8), np.float32(0.0)
+    squares = of_two = of_four = 0.0
+    for row in range(len(seen)):
+        values, out = seen[row], codes[row]
+        square = two = four = zero
+        for k in range(len(values)):
+            off = values[k] - _ONE
+            square += off * off
+            two += max(np.float32(2.0) * off + _ONE, zero)
+            four += max(np.float32(4.0) * off + _ONE, zero)
+            out[k] = np.uint8(np.float32(255.0) * np.sqrt(min(values[k] * _OF_MOST, _ONE)) + _HALF)
+        squares += float(square)
+        of_two += float(two)
+        of_four += float(four)
+    return codes, math.sqrt(squares / seen.size), of_two / seen.size, of_four / seen.size

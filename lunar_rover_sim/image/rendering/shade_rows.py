@@ -88,7 +88,8 @@ def rover_shadow(depth, x, y, z, view, sun,  # type: ignore[no-untyped-def]
 
 @vectorised
 def shade(depth, near, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
-          slope_x, slope_y, lit, albedo, detail, slope_ax, slope_ay, slope_bx, slope_by, horizon_a, horizon_b, factor, of_rover,
+          slope_x, slope_y, lit, albedo, detail, slope_ax, slope_ay, slope_bx, slope_by,
+          horizon_a, horizon_b, factor, of_rover,
           beside, pressed, loose, sun, centre, scales, least_scales, trodden, has_tracks,
           cos_i, cos_e, cos_g, theta, more_c, sunlit, normal_x, normal_y, normal_z, kept):
     """Fill in what the law and truth take of pixels, from all that has been looked up.
@@ -142,7 +143,8 @@ def shade(depth, near, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
             kept[i + j] = s[left + j]
         if not any_positive(near, i):
             for j in range(_N):
-                cos_i[i + j], cos_e[i + j], theta[i + j], normal_z[i + j] = _ZERO, _ONE, _ZERO, _ONE
+                cos_i[i + j], cos_e[i + j] = _ZERO, _ONE
+                theta[i + j], normal_z[i + j] = _ZERO, _ONE
             for j in range(_N):
                 cos_g[i + j] = vx[i + j] * sx + vy[i + j] * sy + vz[i + j] * sz
             continue

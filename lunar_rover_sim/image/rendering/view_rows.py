@@ -12,9 +12,9 @@ from lunar_rover_sim.image.rendering.row_math import (any_positive, CHUNK, NO_PI
 
 _N, _PAGE = CHUNK, PAGE
 _FINE, _LEVEL, _HEIGHT, _U, _V = (k * _PAGE for k in range(5))
-_LIGHT, _DEVIATION, _FALLS, _COARSER = (k * _PAGE for k in range(5, 9))
+_LIGHT, _FALLS, _COARSER, _SECOND, _THIRD = (k * _PAGE for k in range(5, 10))
 _WEIGHT, _OWN_U, _OWN_V, _SLANT, _ALONG_Y, _PART, _SHARE, _RANK, _A, _B, _C, _D = (
-    k * _PAGE for k in range(9, 21))
+    k * _PAGE for k in range(10, 22))
 _NODE, _AT = 0, _PAGE
 _ZERO, _HALF, _ONE, _TWO, _FOUR = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0, 4.0))
 _THREE_HALVES = np.float32(1.5)
@@ -28,7 +28,7 @@ _COARSEST = np.float32(LEVELS - 1)
 _FINER = np.float32(-2.0)       # pixels smaller than texels, in octaves: with as much contrast
 _LOWEST_SUN, _HIGHEST_SUN = np.float32(-2.0), np.float32(2.0)   # log2 of its tangent, over level
 _OF_CODE = np.float32(MOST / 255.0**2)
-_BRIGHTEST, _DARKEST = np.float32(MOST), np.float32(-60.0)
+_OF_SHARE = np.float32(1.0 / MOST)
 _WITHIN = np.float32(0.75)      # of the elevation of a node: beyond, it has no weight
 _GRAZING, _TINIEST = np.float32(0.02), np.float32(1e-20)
 
@@ -103,7 +103,7 @@ def nodes_of(depth, x, y, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-untyp
 
 @vectorised
 def _add_node(s, place, which, count, codes, first, begins,  # type: ignore[no-untyped-def]
-              lines, along, slant, spread):
+              lines, along, slant, spread, level):
     """Add the light of pixels by the nodes at _NODE, with the weights at _WEIGHT.
 
     Args:
@@ -137,15 +137,16 @@ def _add_node(s, place, which, count, codes, first, begins,  # type: ignore[no-u
     for k in range(count):
         j, node, weight = which[k], place[_NODE + k], s[_WEIGHT + k]
         s[_LIGHT + j] += weight * s[_A + k]
-        s[_DEVIATION + j] += weight * spread[node, 0]
-        s[_FALLS + j] += weight * spread[node, 1]
-        s[_COARSER + j] += weight * spread[node, 2]
+        s[_FALLS + j] += weight * spread[node, level, 0]
+        s[_COARSER + j] += weight * spread[node, level, 1]
+        s[_SECOND + j] += weight * spread[node, level, 2]
+        s[_THIRD + j] += weight * spread[node, level, 3]
 
 
 @vectorised
 def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-untyped-def]
                 slope_x, slope_y, pixel, sun, codes, first, side, number, azimuths,
-                slant, spread, result):
+                slant, spread, unchanged, result):
     """Fill in the brightness of the relief that pixels see, over its mean.
 
     Args:
@@ -155,9 +156,10 @@ def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-unt
         pixel: Size of one at depth 1.
         sun: As for `relief_brightness.relief_factor`.
         codes to spread: As `ViewNodes`.
+        unchanged: The brightness that more or less contrast leaves as it is.
         result: (n,).
     """
-    s, place = np.empty(21 * _PAGE, np.float32), np.empty(2 * _PAGE, np.int32)
+    s, place = np.empty(22 * _PAGE, np.float32), np.empty(2 * _PAGE, np.int32)
     which, some = np.empty(_N, np.int64), np.empty(_N, np.int64)
     deepest = len(azimuths) - 1
     for c in range(len(depth) // _N):
@@ -177,7 +179,7 @@ def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-unt
         for j in range(_N):
             u, v = place_x[i + j], place_y[i + j]
             s[_U + j], s[_V + j] = u - np.floor(u), v - np.floor(v)
-            s[_LIGHT + j], s[_DEVIATION + j] = _ZERO, _ZERO
+            s[_LIGHT + j], s[_SECOND + j], s[_THIRD + j] = _ZERO, _ZERO, _ZERO
             s[_FALLS + j], s[_COARSER + j] = _ZERO, _ZERO
         low, high, least, most = deepest, 0, LEVELS, 0
         for j in range(_N):
@@ -210,15 +212,16 @@ def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-unt
                         s[_OWN_U + number_of], s[_OWN_V + number_of] = s[_U + j], s[_V + j]
                         number_of += share > _ZERO
                     _add_node(s, place, some, number_of, codes, first, side[elevation, level, 2],
-                              side[elevation, level, 0], side[elevation, level, 1], slant, spread)
+                              side[elevation, level, 0], side[elevation, level, 1], slant, spread,
+                              level)
         # A lower sun over the slope has more contrast; so have pixels smaller than texels.
         for j in range(_N):
-            power = exp2(-s[_FALLS + j] * s[_HEIGHT + j]
-                         - s[_COARSER + j] * (s[_FINE + j] - s[_LEVEL + j]))
-            deviation = s[_DEVIATION + j]
-            mean = _ONE + _HALF * power * (power - _ONE) * deviation * deviation
-            light = power * log2(max(s[_LIGHT + j] * _OF_CODE, _TINY))
-            result[i + j] = min(exp2(max(light, _DARKEST)) / mean, _BRIGHTEST)
+            more = min(exp2(-s[_FALLS + j] * s[_HEIGHT + j]
+                            - s[_COARSER + j] * (s[_FINE + j] - s[_LEVEL + j])), _FOUR) - _ONE
+            light = s[_LIGHT + j] * _OF_CODE
+            light = max(light + more * (light - unchanged), _ZERO)
+            over = max(more, _ZERO)
+            result[i + j] = light / (_ONE + over * over * (s[_SECOND + j] + s[_THIRD + j] * over))
 
 
 @vectorised
@@ -257,6 +260,28 @@ def light_of_views(far, of_grid, of_rover, beside, kept,  # type: ignore[no-unty
         cos_e[i] = slopes * cos_e[i] + share * emission
         theta[i] = slopes * theta[i] + share * rough
         upward[i] = slopes * normal_z[i] + share * up
+
+
+@vectorised
+def shares_of_views(far, of_grid, beside, kept, slope_x, slope_y,  # type: ignore[no-untyped-def]
+                    share, has_tracks, sunlit, normal_x, normal_y, normal_z):
+    """Replace the share of the sun that is seen, and the normal, as far as textures go.
+
+    Args:
+        far to slope_y: (n,) as for `light_of_views`.
+        share: (n,) as `seen_relief` fills it in with `ReliefViews.shares`.
+        sunlit, normal_x, normal_y, normal_z: (n,) as `shade_rows.shade` fills them in.
+    """
+    for i in range(len(far)):
+        part, p, q = far[i], slope_x[i], slope_y[i]
+        slopes = _ONE - part
+        up = _ONE / np.sqrt(p * p + q * q + _ONE)
+        open_sky = beside[i] if has_tracks else _ONE
+        seen = of_grid[i] * open_sky * (_ONE + kept[i] * (min(share[i] * _OF_SHARE, _ONE) - _ONE))
+        sunlit[i] = slopes * sunlit[i] + part * seen
+        normal_x[i] = slopes * normal_x[i] - part * up * p
+        normal_y[i] = slopes * normal_y[i] - part * up * q
+        normal_z[i] = slopes * normal_z[i] + part * up
 
 
 @vectorised

@@ -119,7 +119,7 @@ def test_relief_below_the_grid_is_fixed_to_the_ground(world):
     near = (a.depth_m > 1.0) & (a.depth_m < 30.0)       # at most 0.46 px of parallax
     assert (beyond[near] > 0.05).mean() < 5e-3
     # A line between two copies of the relief may move by a pixel.
-    assert (beyond[near & (a.depth_m > 2.0)] > 0.1).mean() < 1e-4
+    assert (beyond[near & (a.depth_m > 2.0)] > 0.1).mean() < 4e-4
     # Where the parallax is small the picture hardly changes at all.
     far = (a.depth_m > 4.0) & (a.depth_m < 30.0)
     assert np.corrcoef(a.radiance[far], b.radiance[far])[0, 1] > 0.99

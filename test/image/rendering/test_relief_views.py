@@ -68,6 +68,22 @@ def test_light_does_not_depend_on_what_is_asked_for(renderer):
     np.testing.assert_array_equal(alone, both)
 
 
+def test_the_mask_of_shadows_is_of_what_is_seen(config):
+    """Towards a low sun more of it is in shadow than away from it, and all of that is dark."""
+    low = dataclasses.replace(config, sun=dataclasses.replace(config.sun, elevation_deg=6.0))
+    shares = []
+    with Renderer(scene.plane(513, cell_m=0.05), scene.ROVER, low, SEED) as renderer:
+        for azimuth_deg in (0.0, 90.0, 180.0):
+            frame = renderer.render(RoverPose(scene.pose(yaw_deg=azimuth_deg)), 0,
+                                    ('radiance', 'shadow', 'depth'))
+            far = (frame.depth_m > 2.0) & (frame.depth_m < 4.0) & (frame.shadow[..., 1] == 0)
+            share, light = frame.shadow[far][:, 0] / 255.0, frame.radiance[far]
+            shares.append(share.mean())
+            assert light[share < 0.1].mean() < 0.06 * light.mean() < light[share > 0.9].mean()
+            assert np.corrcoef(share, light)[0, 1] > 0.35
+    assert shares[0] < shares[1] - 0.1 < shares[2] - 0.2
+
+
 def test_light_of_sun_and_lamp_adds_up(config):
     """The relief that the sun shows is no factor on what the lamp lights."""
     def image(irradiance, power_w):
