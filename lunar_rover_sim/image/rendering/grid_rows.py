@@ -105,13 +105,12 @@ def _ground_at(s, place, t, count, ground, side, first):  # type: ignore[no-unty
 
 
 @vectorised
-def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
-                  levels, ground, matter, side, first, constants, smooth,
-                  slope_x, slope_y, lit, albedo, below, around, detail, level):
+def light_of_grid(at, levels, ground, matter,  # type: ignore[no-untyped-def]
+                  side, first, constants, smooth, grid):
     """Look up what is known of the ground at each pixel of a band.
 
     Args:
-        depth, x, y, vx, vy, vz: (n,) as `ground_band.place` fills them in.
+        at: (7, n) as `ground_band.place` fills it in.
         levels: (levels, 4) of each grid: scale and offset from metres to places over a side, log2
             of texels per metre, half extent [m].
         ground: Texels of 4 float16 as uint64: slopes, clearance, occluder distance. Those of a mip
@@ -123,13 +122,13 @@ def light_of_grid(depth, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
             cameras [m], reach of relief with shape [m]; log2 of texels per metre of the fine tile,
             and its last level; horizontal part of the unit vector to the sun.
         smooth: Whether edges of shadows are drawn without steps.
-        slope_x, slope_y: (n,) filled in, as all that follow.
-        lit: Share of the sun over the grid.
-        albedo: Factor.
-        below, around: Irradiance scattered here and around, over that of the sun.
-        detail: Mip level of the fine tile of relief.
-        level: log2 of the footprint along the view [m].
+        grid: (8, n) filled in: slopes along x and y; share of the sun over the grid; factor of the
+            albedo; irradiance scattered here and around, over that of the sun; mip level of the
+            fine tile of relief; log2 of the footprint along the view [m].
     """
+    depth, x, y, vx, vy, vz = at[0], at[1], at[2], at[4], at[5], at[6]
+    slope_x, slope_y, lit, albedo, below, around, detail, level = (
+        grid[0], grid[1], grid[2], grid[3], grid[4], grid[5], grid[6], grid[7])
     s, place = np.empty(_FLOATS, np.float32), np.empty(3 * _PAGE, np.int32)
     t, which = np.empty(8 * _PAGE, np.uint32), np.empty(_N, np.uint32)
     pixel, radius, middle_x, middle_y, reach, fine, last = (

@@ -36,12 +36,16 @@ from lunar_rover_sim.image.rendering.view_rows import (factor_of_views, light_of
 F32 = NDArray[np.float32]
 
 _PIXELS = 4096          # of a band, about: all of its arrays stay in the cache of a core
-_NUMBERS = (
-    'depth x y z vx vy vz slope_x slope_y lit albedo below around detail level slope_ax slope_ay '
-    'slope_bx slope_by horizon_a horizon_b factor of_rover cos_i cos_e cos_g theta more_c sunlit '
-    'normal_x normal_y normal_z kept reflectance direct whole lamp lamp_i lamp_g of_lamp print_x '
-    'print_y print_horizon print_seen print_coarse pressed loose beside zero place_x place_y '
-    'of_grid far near rank turn seen share relief upward lamp_r').split()
+# Numbers of a pixel, by the loop that fills them in, which explains them; the last are alone.
+_GROUPS = {'at': 'depth x y z vx vy vz',
+           'grid': 'slope_x slope_y of_grid albedo below around detail level',
+           'relief': 'slope_ax slope_ay slope_bx slope_by horizon_a horizon_b place_x place_y',
+           'prints': 'print_x print_y print_horizon print_seen print_coarse pressed loose beside',
+           'views': 'far near rank turn',
+           'law': 'cos_i cos_e cos_g theta more_c lit',
+           'drawn_as': 'normal_x normal_y normal_z sunlit kept',
+           'lamp': 'of_beam lamp_i lamp_g',
+           '': 'factor of_rover reflectance direct whole of_lamp lamp_r zero seen share upward'}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,12 +120,18 @@ class Band:
     def __init__(self, width: int) -> None:
         self.rows = self.rows_of(width)
         self._n = n = self.rows // 2 * -(-width // COLUMNS) * CHUNK
+        names = ' '.join(_GROUPS.values()).split()
         # A little apart: arrays at a power of two push each other out of the cache.
-        memory = np.zeros((len(_NUMBERS), n + 16), np.float32)
-        self._of = {name: row[:n] for name, row in zip(_NUMBERS, memory)}
+        memory = np.zeros((len(names), n + 16), np.float32)
+        self._of: dict[str, F32] = dict(zip(names, memory))
+        start = 0
+        for group, own in _GROUPS.items():
+            self._of[group] = memory[start:start + len(own.split())]
+            start += len(own.split())
         self._lists: dict[str, list[F32]] = {}
-        self._bytes = np.zeros((3, n), np.uint8)
-        self._words, self._tint = np.zeros((2, n), np.uint16), np.zeros(n, np.uint32)
+        long = memory.shape[1]
+        self._bytes = np.zeros((3, long), np.uint8)
+        self._words, self._tint = np.zeros((2, long), np.uint16), np.zeros(long, np.uint32)
 
     @staticmethod
     def rows_of(width: int) -> int:
@@ -142,7 +152,7 @@ class Band:
             sources: Those that light these rows.
             lists: Of craters, where they are asked for.
         """
-        place(view.numbers, image.depth_m, row, self.rows, *self._get('depth x y z vx vy vz'))
+        place(view.numbers, image.depth_m, row, self.rows, self._of['at'])
         tracked = any(seen.source.tracks is not None for seen in sources) and self._meets(tracks)
         for number, seen in enumerate(sources):
             present = seen.source.tracks if tracked else None
@@ -155,7 +165,7 @@ class Band:
         """Return whether any place of the band may lie in a box of x and y."""
         if not box[0] <= box[1]:
             return False
-        x, y = self._of['x'], self._of['y']
+        x, y = (self._of[name][:self._n] for name in 'xy')
         return bool(x.max() >= box[0] and x.min() <= box[1]
                     and y.max() >= box[2] and y.min() <= box[3])
 
@@ -163,74 +173,63 @@ class Band:
                tracks: TrackArrays | None, relief: ReliefShape, *, add: bool) -> None:
         """Light a band; tracks: where it may have some; add: to what is there."""
         get, own, source = self._get, self._of, seen.source
-        texels, constants = source.texels, source.constants
-        light_of_grid(
-            *get('depth x y vx vy vz'), texels.levels, texels.ground.words, texels.matter.words,
-            texels.ground.side, texels.ground.first, seen.grid, constants.smooth,
-            *get('slope_x slope_y lit albedo below around detail level'))
+        texels, constants, lamp, views = source.texels, source.constants, source.lamp, \
+            source.texels.views
+        at, grid, law, drawn_as = own['at'], own['grid'], own['law'], own['drawn_as']
+        tracked, pixel = tracks is not None, np.float32(view.pixel)
+        light_of_grid(at, texels.levels, texels.ground.words, texels.matter.words,
+                      texels.ground.side, texels.ground.first, seen.grid, constants.smooth, grid)
         if tracks is not None:
-            self._look_up(tracks, any_level=True)
-            add_prints(*get('depth print_x print_y print_horizon print_seen print_coarse'),
-                       constants.sun, *get('slope_x slope_y beside'))
-        views = texels.views
+            prints_of(at, own['level'], *tracks, True, own['prints'])
+            add_prints(own['depth'], own['prints'], constants.sun, grid)
         wanted = None if views is None else self._find_views(seen, views)
         far = wanted is not None
         # The lamp and truth take slopes of all ground.
-        near = 'near' if far and source.lamp is None and image.shadow is None else 'depth'
-        relief_of(*get(f'depth {near} x y detail'), texels.tile, texels.zone, texels.horizon,
-                  *texels.coarse, *texels.fine,
-                  *get('slope_ax slope_ay slope_bx slope_by horizon_a horizon_b place_x place_y'))
-        if may_shade(*get('depth x y z'), seen.towards, seen.shadow, source.shadow.bounds):
-            rover_shadow(*get('depth x y z'), view.numbers, seen.towards,
-                         source.shadow.silhouette(), seen.shadow, own['of_rover'])
+        near = own['near' if far and lamp is None and image.shadow is None else 'depth']
+        relief_of(at, near, grid, texels.tile, texels.zone, texels.horizon, *texels.coarse,
+                  *texels.fine, own['relief'])
+        if may_shade(at, seen.towards, seen.shadow, source.shadow.bounds):
+            rover_shadow(at, view.numbers, seen.towards, source.shadow.silhouette(), seen.shadow,
+                         own['of_rover'])
         else:
             own['of_rover'][:] = 1.0
-        if far:
-            own['of_grid'][:] = own['lit']
-        relief_factor(*get(f'{"near" if far else "depth"} slope_x slope_y vx vy vz detail'),
-                      seen.factor, texels.factor, own['factor'])
-        shade(*get(f'depth {near} x y vx vy vz slope_x slope_y lit albedo detail '
-                   'slope_ax slope_ay slope_bx slope_by horizon_a horizon_b factor of_rover '
-                   'beside pressed loose'), constants.sun, seen.centre, texels.scales,
-              texels.least_scales, constants.trodden, tracks is not None,
-              *get('cos_i cos_e cos_g theta more_c sunlit normal_x normal_y normal_z kept'))
-        lamp = source.lamp
+        relief_factor(at, own['near' if far else 'depth'], grid, seen.factor, texels.factor,
+                      own['factor'])
+        shade(at, near, grid, *get('relief prints'), tracked, *get('factor of_rover'),
+              constants.sun, seen.centre, texels.scales, texels.least_scales, constants.trodden,
+              law, drawn_as)
         if lamp is not None:
-            lamp_on(*get('depth x y z vx vy vz slope_x slope_y normal_x normal_y normal_z kept'),
-                    seen.lamp, lamp.clip, lamp.shadow, relief.shape, relief.numbers, seen.centre,
-                    *get('lamp lamp_i lamp_g'))
+            lamp_on(at, grid, drawn_as, seen.lamp, lamp.clip, lamp.shadow, relief.shape,
+                    relief.numbers, seen.centre, own['lamp'])
             fill_reflectance(*get('lamp_i cos_e lamp_g theta albedo more_c'), constants.law,
                              own['lamp_r'])
         if views is not None and wanted is not None:
-            of_pixels = (*get('depth far rank turn place_x place_y slope_x slope_y'),
-                         np.float32(view.pixel), seen.factor)
+            of_pixels = at, grid, *get('relief views'), pixel, seen.factor
             seen_relief(*of_pixels, *views.nodes, np.float32(1.0), own['seen'])
-            light_of_views(*get('far of_grid of_rover beside kept slope_x slope_y vx vy vz '
-                                'normal_z'), constants.sun, constants.theta, constants.trodden,
-                           tracks is not None, *get('lit cos_i cos_e theta seen upward'))
+            light_of_views(at, grid, *get('views prints'), tracked, own['of_rover'], drawn_as,
+                           constants.sun, constants.theta, constants.trodden, law,
+                           *get('seen upward'))
             if image.shadow is not None and not add:
                 views.shares.ready(wanted)
                 seen_relief(*of_pixels, *views.shares.nodes, np.float32(MOST), own['share'])
-                shares_of_views(*get('far of_grid beside kept slope_x slope_y share'),
-                                tracks is not None, *get('sunlit normal_x normal_y normal_z'))
+                shares_of_views(grid, *get('views prints'), tracked, own['share'], drawn_as)
         fill_reflectance(*get('cos_i cos_e cos_g theta albedo more_c'), constants.law,
                          own['reflectance'])
-        upward = 'upward' if far else 'normal_z'
-        radiance_of(*get(f'reflectance lit albedo below around {upward}'), constants.irradiance,
-                    constants.diffuse, *get('direct whole'))
+        radiance_of(*get('reflectance lit'), grid, own['upward' if far else 'normal_z'],
+                    constants.irradiance, constants.diffuse, *get('direct whole'))
         if lamp is not None:
-            add_lamp(*get('lamp_r lamp of_lamp whole'))
+            add_lamp(*get('lamp_r of_beam of_lamp whole'))
         if far:
-            factor_of_views(*get('seen direct whole relief'))
+            factor_of_views(*get('seen direct whole seen'))
             if image.relief is not None and source is image.of_relief:
-                spread(self.rows, row, own['relief'], image.relief, False)
+                spread(self.rows, row, own['seen'], image.relief, False)
             else:
-                own['whole'] *= own['relief']
+                own['whole'] *= own['seen']
         assert image.radiance is not None
         spread(self.rows, row, own['whole'], image.radiance, add)
         if image.tint is not None and not add:
             lamp_g, of_lamp = ('lamp_g', 'of_lamp') if lamp is not None else 2 * ('zero',)
-            tint_of(*get(f'depth x y albedo cos_g {lamp_g} direct {of_lamp} whole'),
+            tint_of(at, *get(f'albedo cos_g {lamp_g} direct {of_lamp} whole'),
                     constants.soil_tint, constants.tint_spread, constants.tint_place,
                     constants.lamp_tint, self._tint)
             spread(self.rows, row, self._tint, image.tint, False)
@@ -239,55 +238,49 @@ class Band:
         """Return which textures a band shows; those are ready then. None: no texture."""
         nodes = views.nodes
         wanted = np.zeros(len(nodes.first), np.bool_)
-        found = nodes_of(*self._get('depth x y vx vy vz slope_x slope_y'), seen.centre,
-                         nodes.azimuths, nodes.number, *self._get('far near rank turn'), wanted)
+        found = nodes_of(*self._get('at grid'), seen.centre, nodes.azimuths, nodes.number,
+                         self._of['views'], wanted)
         views.ready(wanted)
         return wanted if found else None
-
-    def _look_up(self, tracks: TrackArrays, *, any_level: bool) -> None:
-        prints_of(*self._get('depth x y level'), *tracks, any_level,
-                  *self._get('print_x print_y print_horizon print_seen print_coarse pressed '
-                             'loose'))
 
     def _tell(self, image: GroundImage, row: int, seen: SeenSource, tracks: TrackArrays | None,
               relief: ReliefShape, lists: CraterLists | None) -> None:
         """Fill in what is true of a band; `_light` has been called where its light is told."""
-        get, own, words, source = self._get, self._of, self._words, seen.source
+        own, words, source = self._of, self._words, seen.source
+        at, normal = own['at'], own['drawn_as']
         if image.shadow is not None:
-            light_of(*get('depth sunlit of_rover normal_x normal_y normal_z'),
+            light_of(*self._get('depth sunlit of_rover normal_x normal_y normal_z'),
                      source.constants.sun, bool(source.constants.irradiance > 0.0), *self._bytes)
             for k in range(3):
                 spread(self.rows, row, self._bytes[k], image.shadow[..., k], False)
         if tracks is not None:
-            self._look_up(tracks, any_level=False)
+            prints_of(at, own['level'], *tracks, False, own['prints'])
         texels = source.texels
         none = np.zeros((0, 0, 0, 2), np.float32), np.zeros((0, 4), np.float32)
-        shape_of(*get('depth x y'), texels.levels, texels.ground.words,
-                 int(texels.ground.side[0]), tracks is not None,
-                 *get('print_x print_y pressed loose'), relief.shape, relief.numbers, seen.centre,
-                 *(none if lists is None else lists.of_shape), words[0], words[1],
-                 *get('normal_x normal_y normal_z'))
+        shape_of(at, texels.levels, texels.ground.words, int(texels.ground.side[0]),
+                 own['prints'], tracks is not None, relief.shape, relief.numbers, seen.centre,
+                 *(none if lists is None else lists.of_shape), words[0], words[1], normal)
         told: list[tuple[NDArray[Any], NDArray[Any] | None]] = [(words[0], image.label),
                                                                 (words[1], image.crater)]
         if image.normal is not None:
-            told += [(own[f'normal_{axis}'], image.normal[..., k]) for k, axis in enumerate('xyz')]
+            told += [(normal[k], image.normal[..., k]) for k in range(3)]
         for values, out in told:
             if out is not None:
                 spread(self.rows, row, values, out, False)
 
 
 @vectorised
-def place(view, image, row, rows, depth, x, y, z, vx, vy, vz):  # type: ignore[no-untyped-def]
+def place(view, image, row, rows, at):  # type: ignore[no-untyped-def]
     """Fill in depth and place of the pixels of a band.
 
     Args:
         view: As `ViewNumbers.numbers`.
         image: (h, w) depth of the ground, 0 where there is none [m].
         row, rows: First one of the band, and their number, which is even.
-        depth: (n,) [m]; 0 beyond the image, too.
-        x, y, z: (n,) place; x and y in the world, z over the camera [m].
-        vx, vy, vz: (n,) unit vector to the camera.
+        at: (7, n) filled in: depth, 0 beyond the image, too; place, x and y in the world, z over
+            the camera [m]; unit vector to the camera.
     """
+    depth, x, y, z, vx, vy, vz = at[0], at[1], at[2], at[3], at[4], at[5], at[6]
     chunk, columns = CHUNK, COLUMNS
     h, w = image.shape
     one = np.float32(1.0)

@@ -98,22 +98,25 @@ def _beam(a, b, c, square, facing, lamp, clip, shadow):  # type: ignore[no-untyp
 
 
 @compiled
-def lamp_on(depth, x, y, z, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-untyped-def]
-            normal_x, normal_y, normal_z, kept, lamp, clip, shadow, shape, relief, centre,
-            irradiance, cos_i, cos_g):
+def lamp_on(at, grid, drawn_as, lamp, clip, shadow,  # type: ignore[no-untyped-def]
+            shape, relief, centre, light):
     """Fill in the light of the lamp on each pixel of a band.
 
     Args:
-        depth to vz: (n,) as `ground_band.place` fills them in.
-        slope_x to kept: (n,) of the grid with tracks; as `shade_rows.shade` fills them in.
+        at, drawn_as: As `ground_band.place` and `shade_rows.shade` fill them in.
+        grid: As `grid_rows.light_of_grid` fills it in; slopes with those of tracks.
         lamp: Its position relative to the camera, with z over it, as x and y are in the world;
             its axis; peak intensity [W/sr], exponent of the cosine, angle of a pixel of the map.
         clip: (4, 4) from axes of the world around the lamp to its map, transposed.
         shadow: (m, m) depth of ground and rocks along the axis of the lamp, 0 where there is none,
             negative for rocks [m].
         shape, relief, centre: As for `ground.cast`; (0, 0) where relief has none.
-        irradiance: (n,) normal, filled in [W/m2], as the cosines of incidence and phase.
+        light: (3, n) filled in: normal irradiance [W/m2], cosines of incidence and phase.
     """
+    depth, x, y, z, vx, vy, vz = at[0], at[1], at[2], at[3], at[4], at[5], at[6]
+    slope_x, slope_y, kept = grid[0], grid[1], drawn_as[4]
+    normal_x, normal_y, normal_z = drawn_as[0], drawn_as[1], drawn_as[2]
+    irradiance, cos_i, cos_g = light[0], light[1], light[2]
     for k in range(len(depth)):
         irradiance[k] = cos_i[k] = cos_g[k] = _ZERO
         if depth[k] <= _ZERO:

@@ -142,8 +142,8 @@ def _shadow_of_rover(source: GroundSource, view: ViewNumbers, at: F32) -> F32:
     """Return the share of the sun that the rover leaves, (n,)."""
     towards, place = source.constants.towards, source.shadow.seen_from(view.camera)
     share = np.ones(at.shape[1], np.float32)
-    if may_shade(*at[:4], towards, place, source.shadow.bounds):
-        rover_shadow(*at[:4], view.numbers, towards, source.shadow.silhouette(), place, share)
+    if may_shade(at, towards, place, source.shadow.bounds):
+        rover_shadow(at, view.numbers, towards, source.shadow.silhouette(), place, share)
     return share
 
 

@@ -264,18 +264,19 @@ _BYTE2 = np.float32((255.0 / 128.0)**2 / 255.0**2)
 
 
 @vectorised
-def relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,  # type: ignore[no-untyped-def]
-                  sun, nodes, result):
+def relief_factor(at, near, grid, sun, nodes, result):  # type: ignore[no-untyped-def]
     """Fill in the law over the mean of drawn ground; nodes as in relief_brightness.py.
 
     Args:
-        depth, slope_x, slope_y, vx, vy, vz, detail: (n,), slopes of the grid.
+        at, grid: As `ground_band.place` and `grid_rows.light_of_grid` fill them in.
+        near: (n,) positive where the factor is wanted.
         sun: Unit vector to it; to it over level ground; tangent of its elevation over such ground
             that it may be compared with.
         nodes: (levels, cosines, azimuths) codes of four heights of the sun, as uint32: roots of
             the inverse, over LEAST_FACTOR.
         result: (n,).
     """
+    vx, vy, vz, slope_x, slope_y, detail = at[4], at[5], at[6], grid[0], grid[1], grid[6]
     s, place = np.empty(8 * _PAGE, np.float32), np.empty(2 * _PAGE, np.int32)
     t = np.empty(8 * _PAGE, np.uint32)
     sx, sy, sz, hx, hy, hz, level_ground = sun[0], sun[1], sun[2], sun[3], sun[4], sun[5], sun[6]
@@ -286,9 +287,9 @@ def relief_factor(depth, slope_x, slope_y, vx, vy, vz, detail,  # type: ignore[n
     one, north, deeper = np.uint32(1), np.uint32(azimuths), np.uint32(azimuths * cosines)
     u, v, w, high, out = 0, _PAGE, 2 * _PAGE, 3 * _PAGE, 4 * _PAGE
     cos, sun_cos, phase = 5 * _PAGE, 6 * _PAGE, 7 * _PAGE
-    for c in range(len(depth) // _N):
+    for c in range(len(near) // _N):
         i = c * _N
-        if not any_positive(depth, i):
+        if not any_positive(near, i):
             continue
         for j in range(_N):
             x, y = slope_x[i + j], slope_y[i + j]

@@ -230,13 +230,12 @@ def _decode(s, i, horizon, slope_x, slope_y, tangent):  # type: ignore[no-untype
 
 
 @vectorised
-def relief_of(depth, near, x, y, detail, tile, zone, horizon,  # type: ignore[no-untyped-def]
-              coarse, coarse_side, coarse_first, fine, fine_side, fine_first,
-              slope_ax, slope_ay, slope_bx, slope_by, horizon_a, horizon_b, place_x, place_y):
+def relief_of(at, near, grid, tile, zone, horizon,  # type: ignore[no-untyped-def]
+              coarse, coarse_side, coarse_first, fine, fine_side, fine_first, relief):
     """Look up where each pixel of a band is in the relief, and its slopes and horizons there.
 
     Args:
-        depth, x, y, detail: (n,) as `ground_band.place` and `grid_rows.light_of_grid` fill them.
+        at, grid: As `ground_band.place` and `grid_rows.light_of_grid` fill them in.
         near: (n,) positive where slopes and horizons are wanted.
         tile: (13,) 1 / periods of the tiles and 1 / side of the cells [1/m]; `place_in_site`.
         zone: Of the way to the middle of a cell, where the next one may be drawn.
@@ -244,10 +243,12 @@ def relief_of(depth, near, x, y, detail, tile, zone, horizon,  # type: ignore[no
         coarse, coarse_side, coarse_first: A tile as `surface.MipTexels`: slope x, slope y,
             tangent of the horizon, salience.
         fine, fine_side, fine_first: The other tile, two levels finer.
-        slope_ax, slope_ay, slope_bx, slope_by: (n,) filled in, of both tiles.
-        horizon_a, horizon_b: (n,) filled in: tangents.
-        place_x, place_y: (n,) filled in: in periods of the coarse tile.
+        relief: (8, n) filled in: slopes of the coarse tile along x and y, and of the fine one;
+            tangents of the horizon of both; place along x and y in periods of the coarse tile.
     """
+    depth, x, y, detail = at[0], at[1], at[2], grid[6]
+    slope_ax, slope_ay, slope_bx, slope_by, horizon_a, horizon_b, place_x, place_y = (
+        relief[0], relief[1], relief[2], relief[3], relief[4], relief[5], relief[6], relief[7])
     s, cells = np.empty(_FLOATS, np.float32), np.empty(8 * _PAGE, np.int32)
     t, which = np.empty(4 * _PAGE, np.uint32), np.empty(_N, np.int64)
     between = np.empty(_N, np.int64)

@@ -14,13 +14,14 @@ _GRAZING, _LIFTED, _BESIDE, _NEAREST = (np.float32(x) for x in (0.02, 0.08, 0.6,
 
 
 @vectorised
-def may_shade(depth, x, y, z, sun, place, bounds):  # type: ignore[no-untyped-def]
+def may_shade(at, sun, place, bounds):  # type: ignore[no-untyped-def]
     """Return whether the rover may shade any pixel of a band.
 
     Args:
-        depth to place: As for `rover_shadow`.
+        at, sun, place: As for `rover_shadow`.
         bounds: As `CastShadow.bounds`.
     """
+    depth, x, y, z = at[0], at[1], at[2], at[3]
     ax, ay, az, bx, by, bz = place[0], place[1], place[2], place[3], place[4], place[5]
     middle_x, middle_y, middle_z, sx, sy, sz = place[6], place[7], place[8], sun[0], sun[1], sun[2]
     low_p, high_p, low_q, high_q, foremost, wider = (bounds[0], bounds[1], bounds[2], bounds[3],
@@ -37,18 +38,18 @@ def may_shade(depth, x, y, z, sun, place, bounds):  # type: ignore[no-untyped-de
 
 
 @vectorised
-def rover_shadow(depth, x, y, z, view, sun,  # type: ignore[no-untyped-def]
-                 silhouette, place, lit):
+def rover_shadow(at, view, sun, silhouette, place, lit):  # type: ignore[no-untyped-def]
     """Fill in the share of the sun that the rover leaves.
 
     Args:
-        depth, x, y, z: (n,) as `ground_band.place` fills them in.
+        at: (4 or more, n) depth [m], place as `ground_band.place` has it.
         view: As `ViewNumbers.numbers`.
         sun: Unit vector to it; radius of its disc [rad].
         silhouette: (m, m, 2) as `RoverShadow.silhouette`.
         place: Axes of that map, over its half extent; position of the rover over the camera [m].
         lit: (n,).
     """
+    depth, x, y, z = at[0], at[1], at[2], at[3]
     m = len(silhouette)
     wide, last = np.float32(m), np.float32(m - 1)
     pixel = view[15]
@@ -87,28 +88,35 @@ def rover_shadow(depth, x, y, z, view, sun,  # type: ignore[no-untyped-def]
 
 
 @vectorised
-def shade(depth, near, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
-          slope_x, slope_y, lit, albedo, detail, slope_ax, slope_ay, slope_bx, slope_by,
-          horizon_a, horizon_b, factor, of_rover,
-          beside, pressed, loose, sun, centre, scales, least_scales, trodden, has_tracks,
-          cos_i, cos_e, cos_g, theta, more_c, sunlit, normal_x, normal_y, normal_z, kept):
+def shade(at, near, grid, relief, prints, has_tracks,  # type: ignore[no-untyped-def]
+          factor, of_rover, sun, centre, scales, least_scales, trodden, law, drawn_as):
     """Fill in what the law and truth take of pixels, from all that has been looked up.
 
     Args:
-        depth to of_rover: (n,) as other loops fill them in. Chunks without any positive `near`
-            have no slopes; the light of their grid is left to `view_rows.light_of_views`.
-        beside, pressed, loose: (n,) of tracks; they count with `has_tracks`.
+        at, grid, relief: As `ground_band.place`, `grid_rows.light_of_grid` and
+            `relief_rows.relief_of` fill them in. Albedo is replaced by that of tracks.
+        near: (n,) chunks without any that is positive have no slopes; the light of their grid is
+            left to `view_rows.light_of_views`.
+        prints: As `track_map.prints_of` fills it in; it counts with `has_tracks`.
+        factor, of_rover: (n,) of `relief_brightness.relief_factor` and `rover_shadow`.
         sun: Unit vector to it; to it over level ground; radius of its disc [rad].
         centre: Place of the middle of all cameras [m], reach of relief with shape [m].
         scales, least_scales: (4, 4) and (4,) of `ReliefBrightness`.
         trodden: Albedo lost where soil is compacted, where loose; tangent of the roughness where
             compacted; what is added to c there.
-        lit: Replaced by the share of the sun that lights the ground; `albedo` by that of tracks.
-        cos_i, cos_e, cos_g, theta, more_c: (n,) filled in; incidence is 0 in the dark.
-        sunlit: Share of the sun that is seen but for the rover.
-        normal_x, normal_y, normal_z: Of what is drawn.
-        kept: Share of the relief below the grid that tracks have left.
+        law: (6, n) filled in: cosines of incidence (0 in the dark), emission and phase; tangent of
+            the roughness that is left; what is added to c; share of the sun that lights it.
+        drawn_as: (5, n) filled in: normal of what is drawn; share of the sun that is seen but for
+            the rover; share of the relief below the grid that tracks have left.
     """
+    depth, x, y, vx, vy, vz = at[0], at[1], at[2], at[4], at[5], at[6]
+    slope_x, slope_y, of_grid, albedo, detail = grid[0], grid[1], grid[2], grid[3], grid[6]
+    slope_ax, slope_ay, slope_bx, slope_by, horizon_a, horizon_b = (
+        relief[0], relief[1], relief[2], relief[3], relief[4], relief[5])
+    pressed, loose, beside = prints[5], prints[6], prints[7]
+    cos_i, cos_e, cos_g, theta, more_c, lit = law[0], law[1], law[2], law[3], law[4], law[5]
+    normal_x, normal_y, normal_z, sunlit, kept = (drawn_as[0], drawn_as[1], drawn_as[2],
+                                                  drawn_as[3], drawn_as[4])
     s = np.empty(22 * _PAGE, np.float32)
     gx, gy, ax, ay, bx, by = 0, _PAGE, 2 * _PAGE, 3 * _PAGE, 4 * _PAGE, 5 * _PAGE
     ha, hb, wx, wy, wz = 6 * _PAGE, 7 * _PAGE, 8 * _PAGE, 9 * _PAGE, 10 * _PAGE
@@ -144,7 +152,7 @@ def shade(depth, near, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
         if not any_positive(near, i):
             for j in range(_N):
                 cos_i[i + j], cos_e[i + j] = _ZERO, _ONE
-                theta[i + j], normal_z[i + j] = _ZERO, _ONE
+                theta[i + j], normal_z[i + j], lit[i + j] = _ZERO, _ONE, _ZERO
             for j in range(_N):
                 cos_g[i + j] = vx[i + j] * sx + vy[i + j] * sy + vz[i + j] * sz
             continue
@@ -230,9 +238,9 @@ def shade(depth, near, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
             s[drawn + j] = (_ONE + s[left + j] * (s[drawn + j] - _ONE)) * s[open_sky + j]
             s[seen + j] = (_ONE + s[left + j] * (s[seen + j] - _ONE)) * s[open_sky + j]
         for j in range(_N):
-            sunlit[i + j] = s[seen + j] * lit[i + j]
+            sunlit[i + j] = s[seen + j] * of_grid[i + j]
         for j in range(_N):
-            lit[i + j] *= s[drawn + j] * of_rover[i + j]
+            lit[i + j] = of_grid[i + j] * (s[drawn + j] * of_rover[i + j])
         for j in range(_N):
             towards = s[bx + j] * sx + s[by + j] * sy + s[ax + j] * sz
             cos_i[i + j] = towards if lit[i + j] > _ZERO else _ZERO
@@ -244,18 +252,22 @@ def shade(depth, near, x, y, vx, vy, vz,  # type: ignore[no-untyped-def]
 
 
 @vectorised
-def radiance_of(reflectance, lit, albedo, below, around, normal_z,  # type: ignore[no-untyped-def]
+def radiance_of(reflectance, lit, grid, upward,  # type: ignore[no-untyped-def]
                 irradiance, diffuse, direct, whole):
     """Fill in the radiance of the sun, and that together with what is scattered around.
 
     Args:
+        reflectance: (n,) of the sun [1/sr]; `lit` share of it.
+        grid: As `grid_rows.light_of_grid` fills it in.
+        upward: (n,) vertical part of the normal.
         irradiance: Of the sun, normal [W/m2].
         diffuse: Diffuse albedo over pi.
         direct, whole: (n,).
     """
+    albedo, below, around = grid[3], grid[4], grid[5]
     scattering = np.float32(0.25) * irradiance * diffuse
     for j in range(len(direct)):
         direct[j] = irradiance * reflectance[j] * lit[j]
     for j in range(len(whole)):
         whole[j] = (direct[j] + scattering * albedo[j]
-                    * (below[j] + around[j] * _HALF * (_ONE - normal_z[j])))
+                    * (below[j] + around[j] * _HALF * (_ONE - upward[j])))

@@ -100,7 +100,7 @@ def _word(red, blue):  # type: ignore[no-untyped-def]
 
 
 @vectorised
-def tint_of(depth, x, y, albedo, cos_sun, cos_lamp,  # type: ignore[no-untyped-def]
+def tint_of(at, albedo, cos_sun, cos_lamp,  # type: ignore[no-untyped-def]
             of_sun, of_lamp, whole, soil, spread, place, lamp, words):
     """Fill in red and blue over green of each pixel of a band, as `sensor.Tint`.
 
@@ -108,7 +108,7 @@ def tint_of(depth, x, y, albedo, cos_sun, cos_lamp,  # type: ignore[no-untyped-d
     is less red. What has been reflected by the ground before has its colour, too.
 
     Args:
-        depth, x, y, albedo: (n,) as other loops fill them in.
+        at, albedo: As other loops fill them in.
         cos_sun, cos_lamp: (n,) cosines of the phase angles.
         of_sun, of_lamp, whole: (n,) radiance of the sun, of the lamp, of all.
         soil: Logarithms at 30 deg of phase, and their slopes (colours.py).
@@ -117,6 +117,7 @@ def tint_of(depth, x, y, albedo, cos_sun, cos_lamp,  # type: ignore[no-untyped-d
         lamp: Light of the lamp over that of the sun, logarithms.
         words: (n,) uint32.
     """
+    depth, x, y = at[0], at[1], at[2]
     s = np.empty(9 * _PAGE, np.float32)
     moved_x, moved_y = place[0], place[1]
     for c in range(len(depth) // _N):

@@ -271,13 +271,13 @@ _THOUSAND, _NOWHERE = np.float32(1000.0), np.float32(-0.1)
 
 
 @compiled
-def prints_of(depth, x, y, level, windows, sizes, touched,  # type: ignore[no-untyped-def]
-              near, near_first, near_side, far, any_level,
-              print_x, print_y, horizon, seen, coarse, pressed, loose):
+def prints_of(at, level, windows, sizes, touched,  # type: ignore[no-untyped-def]
+              near, near_first, near_side, far, any_level, prints):
     """Look up tracks at each pixel of a band.
 
     Args:
-        depth, x, y, level: (n,) as `grid_rows.light_of_grid` leaves them.
+        at: (7, n) as `ground_band.place` fills it in.
+        level: (n,) as `grid_rows.light_of_grid` fills it in.
         windows: 1 / extent [1/m] and half extent [m] of the near window, the far one; centre [m];
             place of the frame in both, x and y [m].
         sizes: Of a sample [m]; log2 of samples per metre; of a texel of the far window [m].
@@ -287,8 +287,13 @@ def prints_of(depth, x, y, level, windows, sizes, touched,  # type: ignore[no-un
             `near_first` and are `near_side` along a side.
         far: (n, n, 3) sunlight over that on level ground less 1, compacted, loose.
         any_level: Whether mip levels count; otherwise the finest one is read.
-        print_x to loose: (n,) filled in.
+        prints: (8, n) filled in but for the last: slopes along x and y; tangent of the horizon
+            less that of untouched ground; share of the sun that is seen; how far that share counts
+            for the horizon; share that is compacted, that is loose.
     """
+    depth, x, y = at[0], at[1], at[2]
+    print_x, print_y, horizon, seen, coarse, pressed, loose = (
+        prints[0], prints[1], prints[2], prints[3], prints[4], prints[5], prints[6])
     tiles, values = len(touched), np.empty(6, np.float32)
     for k in range(len(depth)):
         print_x[k] = print_y[k] = coarse[k] = pressed[k] = loose[k] = _ZERO
@@ -347,16 +352,18 @@ def prints_of(depth, x, y, level, windows, sizes, touched,  # type: ignore[no-un
 
 
 @compiled
-def add_prints(depth, print_x, print_y, horizon, seen, coarse, sun,  # type: ignore[no-untyped-def]
-               slope_x, slope_y, beside):
+def add_prints(depth, prints, sun, grid):  # type: ignore[no-untyped-def]
     """Add the slopes of tracks to those of the grid; fill in the sunlight that tracks leave.
 
     Args:
-        depth to coarse: (n,) as `prints_of` fills them in.
+        depth: (n,), 0 where there is no ground [m].
+        prints: (8, n) as `prints_of` fills it in; the last is filled in here.
         sun: Unit vector to it; to it over level ground; radius of its disc [rad].
-        slope_x, slope_y: (n,) added to.
-        beside: (n,) filled in.
+        grid: As `grid_rows.light_of_grid` fills it in; its slopes are added to.
     """
+    print_x, print_y, horizon, seen, coarse, beside = (prints[0], prints[1], prints[2], prints[3],
+                                                       prints[4], prints[7])
+    slope_x, slope_y = grid[0], grid[1]
     for k in range(len(depth)):
         if depth[k] <= _ZERO:
             continue

@@ -20,19 +20,23 @@ def _height(x, y, shape, scale, centre):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def shape_of(depth, x, y, levels, ground, side, has_tracks,  # type: ignore[no-untyped-def]
-             print_x, print_y, pressed, loose, shape, relief, centre,
-             cells, entries, label, crater, normal_x, normal_y, normal_z):
+def shape_of(at, levels, ground, side, prints, has_tracks,  # type: ignore[no-untyped-def]
+             shape, relief, centre, cells, entries, label, crater, normal):
     """Fill in label, crater and normal of each pixel of a band.
 
     Args:
-        depth, x, y: (n,) as `ground_band.place` fills them in.
+        at: (7, n) as `ground_band.place` fills it in.
         levels, ground: As for `grid_rows.light_of_grid`; `side` of the finest mip level.
-        print_x, print_y, pressed, loose: (n,) tracks on the finest level.
+        prints: As `track_map.prints_of` fills it in, of the finest level; it counts with
+            `has_tracks`.
         shape, relief, centre: As for `ground.cast`; (0, 0) where relief has none.
         cells, entries: As `crater_map.CraterLists`; (0, 0, 0, 2) where craters are not asked for.
-        label, crater, normal_x, normal_y, normal_z: (n,) filled in.
+        label, crater: (n,) filled in.
+        normal: (3 or more, n) of which three are filled in.
     """
+    depth, x, y = at[0], at[1], at[2]
+    print_x, print_y, pressed, loose = prints[0], prints[1], prints[5], prints[6]
+    normal_x, normal_y, normal_z = normal[0], normal[1], normal[2]
     low = np.uint64(0xffffffff)
     for k in range(len(depth)):
         label[k] = crater[k] = 0

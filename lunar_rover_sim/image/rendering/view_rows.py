@@ -40,23 +40,26 @@ def _of_next(part):  # type: ignore[no-untyped-def]
 
 
 @vectorised
-def nodes_of(depth, x, y, vx, vy, vz, slope_x, slope_y,  # type: ignore[no-untyped-def]
-             centre, azimuths, number, far, near, rank, turn, wanted):
+def nodes_of(at, grid, centre, azimuths, number,  # type: ignore[no-untyped-def]
+             views, wanted):
     """Find which textures pixels of a band see.
 
     Args:
-        depth, x, y, vx, vy, vz, slope_x, slope_y: (n,) as other loops fill them in.
+        at, grid: As `ground_band.place` and `grid_rows.light_of_grid` fill them in; slopes with
+            those of tracks.
         centre: Place of the middle of all cameras [m], reach of relief with shape [m].
         azimuths, number: As `ViewNodes` has them.
-        far: (n,) filled in: share of the light that textures have.
-        near: (n,) filled in: depth where they have not all of it, elsewhere 0.
-        rank: (n,) filled in: elevation of the view, as a place between nodes or beyond them.
-        turn: (n,) filled in: azimuth of the view [turns], 0 to 1.
+        views: (4, n) filled in: share of the light that textures have; depth where they have not
+            all of it, elsewhere 0; elevation of the view, as a place between nodes or beyond
+            them; azimuth of the view [turns], 0 to 1.
         wanted: (nodes,) those that are seen are set.
 
     Returns:
         Whether any is seen.
     """
+    depth, x, y, vx, vy, vz, slope_x, slope_y = (at[0], at[1], at[2], at[4], at[5], at[6], grid[0],
+                                                 grid[1])
+    far, near, rank, turn = views[0], views[1], views[2], views[3]
     seen = False
     for c in range(len(depth) // _N):
         i = c * _N
@@ -144,21 +147,20 @@ def _add_node(s, place, which, count, codes, first, begins,  # type: ignore[no-u
 
 
 @vectorised
-def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-untyped-def]
-                slope_x, slope_y, pixel, sun, codes, first, side, number, azimuths,
-                slant, spread, unchanged, result):
+def seen_relief(at, grid, relief, views, pixel, sun,  # type: ignore[no-untyped-def]
+                codes, first, side, number, azimuths, slant, spread, unchanged, result):
     """Fill in the brightness of the relief that pixels see, over its mean.
 
     Args:
-        depth, slope_x, slope_y: (n,) as other loops fill them in.
-        far, rank, turn: (n,) as `nodes_of` fills them in.
-        place_x, place_y: (n,) in periods of the coarse tile, as `relief_of` has them.
+        at, grid, relief, views: As other loops fill them in.
         pixel: Size of one at depth 1.
         sun: As for `relief_brightness.relief_factor`.
         codes to spread: As `ViewNodes`.
         unchanged: The brightness that more or less contrast leaves as it is.
         result: (n,).
     """
+    depth, slope_x, slope_y, place_x, place_y = at[0], grid[0], grid[1], relief[6], relief[7]
+    far, rank, turn = views[0], views[2], views[3]
     s, place = np.empty(22 * _PAGE, np.float32), np.empty(2 * _PAGE, np.int32)
     which, some = np.empty(_N, np.int64), np.empty(_N, np.int64)
     deepest = len(azimuths) - 1
@@ -225,24 +227,23 @@ def seen_relief(depth, far, rank, turn, place_x, place_y,  # type: ignore[no-unt
 
 
 @vectorised
-def light_of_views(far, of_grid, of_rover, beside, kept,  # type: ignore[no-untyped-def]
-                   slope_x, slope_y, vx, vy, vz, normal_z, sun, whole, trodden, has_tracks,
-                   lit, cos_i, cos_e, theta, seen, upward):
+def light_of_views(at, grid, views, prints, has_tracks, of_rover,  # type: ignore[no-untyped-def]
+                   drawn_as, sun, whole, trodden, law, seen, upward):
     """Replace what the law takes of a pixel by that of the grid alone, as far as textures go.
 
     Args:
-        far: (n,) as `nodes_of` fills it in.
-        of_grid: (n,) share of the sun over the grid.
-        of_rover, beside, kept, slope_x, slope_y, vx, vy, vz, normal_z: (n,) as other loops fill
-            them in.
+        at to drawn_as: As other loops fill them in.
         sun: Unit vector to it.
         whole: Tangent of the roughness of ground no relief of which is drawn.
-        trodden, has_tracks: As for `shade_rows.shade`.
-        lit, cos_i, cos_e, theta: (n,) as that fills them in.
+        trodden: As for `shade_rows.shade`.
+        law: (6, n) as that fills it in; replaced in place.
         seen: (n,) as `seen_relief` fills it in; replaced by the factor that makes, of this light,
             light of which the part of the textures is multiplied by that.
         upward: (n,) filled in: vertical part of the normal.
     """
+    vx, vy, vz, slope_x, slope_y, of_grid = at[4], at[5], at[6], grid[0], grid[1], grid[2]
+    far, beside, normal_z, kept = views[0], prints[7], drawn_as[2], drawn_as[4]
+    cos_i, cos_e, theta, lit = law[0], law[1], law[3], law[5]
     for i in range(len(far)):
         share, p, q = far[i], slope_x[i], slope_y[i]
         slopes = _ONE - share
@@ -263,15 +264,18 @@ def light_of_views(far, of_grid, of_rover, beside, kept,  # type: ignore[no-unty
 
 
 @vectorised
-def shares_of_views(far, of_grid, beside, kept, slope_x, slope_y,  # type: ignore[no-untyped-def]
-                    share, has_tracks, sunlit, normal_x, normal_y, normal_z):
+def shares_of_views(grid, views, prints, has_tracks,  # type: ignore[no-untyped-def]
+                    share, drawn_as):
     """Replace the share of the sun that is seen, and the normal, as far as textures go.
 
     Args:
-        far to slope_y: (n,) as for `light_of_views`.
+        grid, views, prints, has_tracks: As for `light_of_views`.
         share: (n,) as `seen_relief` fills it in with `ReliefViews.shares`.
-        sunlit, normal_x, normal_y, normal_z: (n,) as `shade_rows.shade` fills them in.
+        drawn_as: As `shade_rows.shade` fills it in; replaced in place.
     """
+    slope_x, slope_y, of_grid, far, beside = grid[0], grid[1], grid[2], views[0], prints[7]
+    normal_x, normal_y, normal_z, sunlit, kept = (drawn_as[0], drawn_as[1], drawn_as[2],
+                                                  drawn_as[3], drawn_as[4])
     for i in range(len(far)):
         part, p, q = far[i], slope_x[i], slope_y[i]
         slopes = _ONE - part
