@@ -25,7 +25,7 @@ _OF_TURN = np.float32(0.5 / np.pi)
 _PIXEL_M = np.float32(np.log2(0.35 / 554.0))    # of a pixel times the sine, see relief_views.py
 _QUARTERS = np.float32(4 * max(AZIMUTHS))
 _COARSEST = np.float32(LEVELS - 1)
-_FINER = np.float32(-2.0)       # pixels smaller than texels, in octaves: with as much contrast
+_FINER = np.float32(-0.5)       # pixels smaller than texels, in octaves: with as much contrast
 _LOWEST_SUN, _HIGHEST_SUN = np.float32(-2.0), np.float32(2.0)   # log2 of its tangent, over level
 _OF_CODE = np.float32(MOST / 255.0**2)
 _OF_SHARE = np.float32(1.0 / MOST)
@@ -134,9 +134,11 @@ def _add_node(s, place, which, count, codes, first, begins,  # type: ignore[no-u
         at = np.uint32(place[_AT + k] + stride)
         s[_B + k], s[_D + k] = codes[at], codes[at + np.uint32(1)]
     for k in range(count):
-        a = s[_A + k] + s[_SHARE + k] * (s[_B + k] - s[_A + k])
-        b = s[_C + k] + s[_SHARE + k] * (s[_D + k] - s[_C + k])
-        s[_A + k] = a * a + s[_PART + k] * (b * b - a * a)
+        # Of light, not of its roots: those would have less of it in the mean.
+        a, b = s[_A + k] * s[_A + k], s[_C + k] * s[_C + k]
+        a += s[_SHARE + k] * (s[_B + k] * s[_B + k] - a)
+        b += s[_SHARE + k] * (s[_D + k] * s[_D + k] - b)
+        s[_A + k] = a + s[_PART + k] * (b - a)
     for k in range(count):
         j, node, weight = which[k], place[_NODE + k], s[_WEIGHT + k]
         s[_LIGHT + j] += weight * s[_A + k]
