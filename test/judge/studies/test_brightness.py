@@ -70,8 +70,8 @@ def test_drawn_ground_is_as_bright_as_the_law(renderers, direction):
 def test_drawn_ground_is_as_bright_as_in_finer_images(renderers, direction):
     """A pixel is twice as large here as in 640 x 480, where the means agree within 5 %.
 
-    As many pixels are in shadow, within 6 points; within 9 at 1.2 to 2 m, where textures of what is
-    seen begin, whose texels are larger than the finer pixels. Few pixels are nearer than 0.7 m.
+    As many pixels are in shadow, within 6 points; within 9 at 1.2 to 2 m, where textures of what
+    is seen begin, whose texels are larger than the finer pixels. Few are nearer than 0.7 m.
     """
     renderer, _, finer = renderers
     curve = against_finer(renderer, finer, views(renderer, direction, 1), EDGES_M[1:])
