@@ -17,6 +17,7 @@ import inspect
 import itertools
 from pathlib import Path
 import re
+import textwrap
 
 import benchmarks
 import click
@@ -191,10 +192,11 @@ def python_table() -> str:
 
     rows = [f'| `{name}` | {subject(getattr(lunar_rover_sim, name))} |'
             for name in lunar_rover_sim.__all__]
-    modules = [f'| {title} | {", ".join(f"`{name}`" for name in names)} |'
+    modules = [textwrap.fill(f'- {title}: {", ".join(f"`{name}`" for name in names)}', 110,
+                             subsequent_indent='  ', break_long_words=False)
                for title, names in MODULES.items()]
     return '\n'.join(['| name | meaning |', '|---|---|', *rows, '',
-                      '| subject | modules of `lunar_rover_sim` |', '|---|---|', *modules])
+                      'Modules of `lunar_rover_sim`, by subject:', '', *modules])
 
 
 def python_page() -> str:
