@@ -22,7 +22,7 @@ from lunar_rover_sim.image.rendering.projection import ViewNumbers
 from lunar_rover_sim.image.rendering.relief_brightness import relief_factor
 from lunar_rover_sim.image.rendering.relief_map import ReliefShape
 from lunar_rover_sim.image.rendering.relief_rows import relief_of
-from lunar_rover_sim.image.rendering.relief_views import MOST, ReliefViews
+from lunar_rover_sim.image.rendering.relief_views import ReliefViews
 from lunar_rover_sim.image.rendering.rover_shadow import CastShadow
 from lunar_rover_sim.image.rendering.row_math import CHUNK, COLUMNS
 from lunar_rover_sim.image.rendering.shade_rows import may_shade, radiance_of, rover_shadow, shade
@@ -173,8 +173,8 @@ class Band:
                tracks: TrackArrays | None, relief: ReliefShape, *, add: bool) -> None:
         """Light a band; tracks: where it may have some; add: to what is there."""
         get, own, source = self._get, self._of, seen.source
-        texels, constants, lamp, views = source.texels, source.constants, source.lamp, \
-            source.texels.views
+        texels, constants, lamp = source.texels, source.constants, source.lamp
+        views = texels.views
         at, grid, law, drawn_as = own['at'], own['grid'], own['law'], own['drawn_as']
         tracked, pixel = tracks is not None, np.float32(view.pixel)
         light_of_grid(at, texels.levels, texels.ground.words, texels.matter.words,
@@ -205,13 +205,13 @@ class Band:
                              own['lamp_r'])
         if views is not None and wanted is not None:
             of_pixels = at, grid, *get('relief views'), pixel, seen.factor
-            seen_relief(*of_pixels, *views.nodes, np.float32(1.0), own['seen'])
+            seen_relief(*of_pixels, *views.nodes, own['seen'])
             light_of_views(at, grid, *get('views prints'), tracked, own['of_rover'], drawn_as,
                            constants.sun, constants.theta, constants.trodden, law,
                            *get('seen upward'))
             if image.shadow is not None and not add:
                 views.shares.ready(wanted)
-                seen_relief(*of_pixels, *views.shares.nodes, np.float32(MOST), own['share'])
+                seen_relief(*of_pixels, *views.shares.nodes, own['share'])
                 shares_of_views(grid, *get('views prints'), tracked, own['share'], drawn_as)
         fill_reflectance(*get('cos_i cos_e cos_g theta albedo more_c'), constants.law,
                          own['reflectance'])
@@ -220,7 +220,7 @@ class Band:
         if lamp is not None:
             add_lamp(*get('lamp_r of_beam of_lamp whole'))
         if far:
-            factor_of_views(*get('seen direct whole seen'))
+            factor_of_views(*get('seen direct whole'))
             if image.relief is not None and source is image.of_relief:
                 spread(self.rows, row, own['seen'], image.relief, False)
             else:

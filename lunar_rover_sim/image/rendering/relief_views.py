@@ -65,6 +65,7 @@ class ViewNodes(NamedTuple):
         spread: (nodes, LEVELS, 4) log2 of the fall of contrast for a sun twice as high, and from a
             level to the next; a and b of the mean with contrast times c > 1, which is
             1 + (c - 1)^2 (a + b (c - 1)), since what would be below 0 is black.
+        unchanged: The brightness that more or less contrast leaves as it is.
     """
 
     codes: NDArray[np.uint8]
@@ -74,6 +75,7 @@ class ViewNodes(NamedTuple):
     azimuths: NDArray[np.int32]
     slant: F32
     spread: F32
+    unchanged: np.float32
 
 
 class ReliefViews:
@@ -116,7 +118,7 @@ class ReliefViews:
             lambda values: np.ascontiguousarray(values.T), np.ascontiguousarray)]
         self._locks = [threading.Lock() for _ in range(sum(AZIMUTHS))]
         self._ready = np.zeros(sum(AZIMUTHS), np.bool_)
-        self.nodes = _empty_nodes()
+        self.nodes = _empty_nodes(MOST if shares else 1.0)
 
     @property
     def shares(self) -> ReliefViews:
@@ -230,7 +232,7 @@ def _roots(light: F32) -> NDArray[np.uint8]:
     return np.rint(255.0 * np.sqrt(light)).astype(np.uint8)
 
 
-def _empty_nodes() -> ViewNodes:
+def _empty_nodes(unchanged: float) -> ViewNodes:
     side = np.zeros((len(AZIMUTHS), LEVELS, 3), np.int32)
     for k, (lines, along) in enumerate(zip(_LINES, _ALONG)):
         for level in range(LEVELS):
@@ -248,7 +250,7 @@ def _empty_nodes() -> ViewNodes:
                      np.cumsum([0, *AZIMUTHS[:-1]]).astype(np.int32),
                      np.array(AZIMUTHS, np.int32),
                      np.stack([slant, along_y], axis=-1).astype(np.float32),
-                     np.zeros((sum(AZIMUTHS), LEVELS, 4), np.float32))
+                     np.zeros((sum(AZIMUTHS), LEVELS, 4), np.float32), np.float32(unchanged))
 
 
 def _with_edges(codes: NDArray[np.uint8], slant: float) -> NDArray[np.uint8]:

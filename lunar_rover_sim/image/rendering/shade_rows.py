@@ -149,12 +149,12 @@ def shade(at, near, grid, relief, prints, has_tracks,  # type: ignore[no-untyped
                 more_c[i + j] = _ZERO
         for j in range(_N):
             kept[i + j] = s[left + j]
+        for j in range(_N):
+            cos_g[i + j] = vx[i + j] * sx + vy[i + j] * sy + vz[i + j] * sz
         if not any_positive(near, i):
             for j in range(_N):
                 cos_i[i + j], cos_e[i + j] = _ZERO, _ONE
                 theta[i + j], normal_z[i + j], lit[i + j] = _ZERO, _ONE, _ZERO
-            for j in range(_N):
-                cos_g[i + j] = vx[i + j] * sx + vy[i + j] * sy + vz[i + j] * sz
             continue
         for j in range(_N):
             s[gx + j] = slope_x[i + j]
@@ -247,8 +247,6 @@ def shade(at, near, grid, relief, prints, has_tracks,  # type: ignore[no-untyped
         for j in range(_N):
             cos_e[i + j] = max(s[bx + j] * s[wx + j] + s[by + j] * s[wy + j]
                                + s[ax + j] * s[wz + j], _GRAZING)
-        for j in range(_N):
-            cos_g[i + j] = s[wx + j] * sx + s[wy + j] * sy + s[wz + j] * sz
 
 
 @vectorised

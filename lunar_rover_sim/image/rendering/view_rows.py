@@ -157,8 +157,7 @@ def seen_relief(at, grid, relief, views, pixel, sun,  # type: ignore[no-untyped-
         at, grid, relief, views: As other loops fill them in.
         pixel: Size of one at depth 1.
         sun: As for `relief_brightness.relief_factor`.
-        codes to spread: As `ViewNodes`.
-        unchanged: The brightness that more or less contrast leaves as it is.
+        codes to unchanged: As `ViewNodes`.
         result: (n,).
     """
     depth, slope_x, slope_y, place_x, place_y = at[0], grid[0], grid[1], relief[6], relief[7]
@@ -291,13 +290,12 @@ def shares_of_views(grid, views, prints, has_tracks,  # type: ignore[no-untyped-
 
 
 @vectorised
-def factor_of_views(seen, direct, whole, result):  # type: ignore[no-untyped-def]
-    """Fill in what the radiance of pixels is multiplied by for the relief that they see.
+def factor_of_views(seen, direct, whole):  # type: ignore[no-untyped-def]
+    """Replace the factor on sunlight of the relief that pixels see by that on all their light.
 
     Args:
-        seen: (n,) the same of sunlight, as `light_of_views` leaves it.
+        seen: (n,) as `light_of_views` leaves it.
         direct, whole: (n,) radiance of sunlight, and of all light.
-        result: (n,).
     """
     for i in range(len(seen)):
-        result[i] = _ONE + direct[i] / max(whole[i], _TINIEST) * (seen[i] - _ONE)
+        seen[i] = _ONE + direct[i] / max(whole[i], _TINIEST) * (seen[i] - _ONE)
