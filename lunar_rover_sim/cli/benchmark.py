@@ -20,12 +20,12 @@ from lunar_rover_sim.cli.slam import paper_of, paper_option, system_options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
 from lunar_rover_sim.judge.slam.benchmark import Cell, plan
 from lunar_rover_sim.judge.slam.benchmark import run as run_cells
-from lunar_rover_sim.judge.slam.benchmark import scenario_of
+from lunar_rover_sim.judge.slam.benchmark import scenario_of, Step
 from lunar_rover_sim.judge.slam.benchmark_report import write_report
 from lunar_rover_sim.judge.slam.drives import csv_of_drives, Judged, seeds_of
 from lunar_rover_sim.judge.slam.estimators import ANCHORED, Estimator, stock_program
 from lunar_rover_sim.judge.slam.seal import read_seal, scores, Seal
-from lunar_rover_sim.judge.slam.traverse import Condition, conditions, DARK, Named
+from lunar_rover_sim.judge.slam.traverse import conditions, DARK, Named
 from lunar_rover_sim.judge.slam.traverse import run as run_condition
 from lunar_rover_sim.judge.slam.traverse import SCENARIO, table, way_of
 from lunar_rover_sim.judge.slam.ways import sealed_ways
@@ -78,22 +78,13 @@ def drives(output: Path, scenarios: Sequence[str], sensors: Sequence[str], seeds
     # SIGTERM stops a benchmark as Ctrl-C does: nodes in order, finished cells stay.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with Progress('benchmark', len(cells)) as progress:
-        finished = 0
-
-        def step(cell: Cell, text: str) -> None:
-            nonlocal finished
-            if text in ('done', 'kept'):
-                finished += 1
-                say(f'{finished}/{len(cells)} {_describe(cell)}')
-            progress(finished, note=f'{cell.name}: {text}')
-
-        done = run_cells(cells, output, step, retry, workers)
-    report = write_report([cell.judged(output) for cell in done], output,
-                          cells[0].estimator.system, published)
-    print(report.table)
-    for line in (*report.findings, *report.files):
+        done = run_cells(cells, output, _step(progress, len(cells)), retry, workers)
+    judged = [cell.judged(output) for cell in done]
+    text, lines = write_report(judged, output, cells[0].estimator.system, published)
+    print(text)
+    for line in lines:
         say(line)
-    return 0 if seal is None else _score(seal, [cell.judged(output) for cell in done], output)
+    return 0 if seal is None else _score(seal, judged, output)
 
 
 @options.command()
@@ -146,17 +137,10 @@ def traverse(output: Path, distances: Sequence[float], sites: Sequence[int], fir
     todo = {condition: condition.cells(estimators, ways[condition.distance_m], overrides)
             for condition in found}
     judged: list[Named] = []
-    with Progress('traverses', sum(map(len, todo.values()))) as progress:
+    total = sum(map(len, todo.values()))
+    with Progress('traverses', total) as progress:
         for condition, cells in todo.items():
-            finished = len(judged)
-
-            def step(cell: Cell, text: str, condition: Condition = condition) -> None:
-                nonlocal finished
-                if text in ('done', 'kept'):
-                    finished += 1
-                    say(f'{condition.name} {_describe(cell)}')
-                progress(finished, note=f'{condition.name} {cell.name}: {text}')
-
+            step = _step(progress, total, len(judged), condition.name + ' ')
             judged += run_condition(condition, cells, output, output / 'maps', step, retry,
                                     workers, run_cells)
     text = table(judged)
@@ -166,6 +150,17 @@ def traverse(output: Path, distances: Sequence[float], sites: Sequence[int], fir
     print_markdown(text)
     say(output / 'traverse.md')
     return 0
+
+
+def _step(progress: Progress, total: int, finished: int = 0, of: str = '') -> Step:
+    """Return what says how far cells are, of `total` in all; of: what is said before a name."""
+    def step(cell: Cell, text: str) -> None:
+        nonlocal finished
+        if text in ('done', 'kept'):
+            finished += 1
+            say(f'{finished}/{total} {of}{_describe(cell)}')
+        progress(finished, note=f'{of}{cell.name}: {text}')
+    return step
 
 
 def _planned(seeds: Mapping[float, Sequence[int]], folder: Path,

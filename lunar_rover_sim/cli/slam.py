@@ -226,8 +226,8 @@ def table(sources: Sequence[Path], output: Path, paper: Path | None) -> int:
     judged = join(sources)
     published = paper_of(paper, judged[0].drive.parameter)
     output.mkdir(parents=True, exist_ok=True)
-    report = write_report(judged, output, 'table', published)
-    print(report.table)
-    for line in (*report.findings, *report.files):
+    text, lines = write_report(judged, output, 'table', published)
+    print(text)
+    for line in lines:
         say(line)
     return 0

@@ -28,7 +28,7 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import LunarRoverSimError, SlamError
 from lunar_rover_sim.base.files.atomic import atomic_write
 from lunar_rover_sim.base.files.paths import BAG_FOLDER, lock
-from lunar_rover_sim.judge.slam.drives import CELLS, Drive, Judged, load, RESULT
+from lunar_rover_sim.judge.slam.drives import CELLS, Drive, Judged, read_result, RESULT
 from lunar_rover_sim.judge.slam.estimators import ANCHORED, Estimator
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor
 from lunar_rover_sim.judge.slam.run_on_bag import run_on_bag, SlamResult
@@ -301,15 +301,11 @@ def _read(cell: Cell, folder: Path) -> Cell | None:
     path = cell_folder(folder, cell) / RESULT
     if not path.exists():
         return None
-    kept = load(path)
-    try:
-        if kept['request'] != _request(cell):
-            raise SlamError(f'{path}: is the result of other settings; name another folder for '
-                            'this benchmark, or remove it')
-        return dataclasses.replace(cell, result=SlamResult.from_mapping(kept['result']),
-                                   failed=bool(kept['failed']))
-    except (KeyError, TypeError, AttributeError):
-        raise SlamError(f'{path}: is not a result of a benchmark') from None
+    kept, request = read_result(path)
+    if request != _request(cell):
+        raise SlamError(f'{path}: is the result of other settings; name another folder for this '
+                        'benchmark, or remove it')
+    return dataclasses.replace(cell, result=kept.result, failed=kept.failed)
 
 
 def _write(path: Path, value: Any) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-import dataclasses
 import io
 from pathlib import Path
 
@@ -44,27 +43,19 @@ def html_report(title: str, statement: Sequence[str], rows: Sequence[TableRow],
         title=title, statement=statement, columns=columns, rows=lines,
         findings=findings, failures=[f'{" ".join(filter(None, row.key))}, {reason}'
                                      for row in rows for reason in row.reasons],
-        errors_png=_data_uri(errors),
-        paths_png=_data_uri(_paths(rows, judged)))
-
-
-def _data_uri(figure: Figure) -> str:
-    """Return a figure as a data URI, which holds it in the page itself."""
-    return f'data:image/png;base64,{base64.b64encode(png(figure)).decode("ascii")}'
-
-
-def _figure(width: float, height: float) -> Figure:
-    return Figure(figsize=(width, height), layout='constrained')
+        **{name: f'data:image/png;base64,{base64.b64encode(png(figure)).decode("ascii")}'
+           for name, figure in (('errors_png', errors), ('paths_png', _paths(rows, judged)))})
 
 
 def _bars(rows: Sequence[TableRow], judged: Sequence[Judged]) -> Figure:
-    figure = _figure(12.0, 4.0)
+    figure = Figure(figsize=(12.0, 4.0), layout='constrained')
     several = len({row.system for row in rows}) > 1
     labels = ['\n'.join([r.scenario, r.sensor, *([r.system] if several else [])]) for r in rows]
     for axis, (name, title) in zip(figure.subplots(1, 3), _MEASURES.items()):
-        _draw_values(axis, range(len(rows)), rows, judged, name, 'o')
+        _draw_values(axis, rows, judged, name)
         axis.set_xticks(range(len(rows)), labels, rotation=60, ha='right', fontsize=7)
-        _scale_axis(axis, title)
+        axis.set_title(f'{title}: median, 95 %, drives (o: failed)', fontsize=10)
+        axis.grid(alpha=0.3)
     return figure
 
 
@@ -74,13 +65,12 @@ def curves(rows: Sequence[TableRow], judged: Sequence[Judged], parameter: str) -
     Whiskers are 95 % intervals: Wilson's of the share of successes, the sign test's of the median
     error. Crosses are drives that succeeded.
     """
-    figure = _figure(10.0, 4.0)
+    figure = Figure(figsize=(10.0, 4.0), layout='constrained')
     success, error = figure.subplots(1, 2)
     places, axis_title = _places(list(dict.fromkeys(r.value for r in rows)), parameter)
     width = max(places.values()) - min(places.values()) or 1.0
-    lines = list(dict.fromkeys((r.scenario, r.sensor, r.system) for r in rows))
-    for k, line in enumerate(lines):
-        chosen = [r for r in rows if (r.scenario, r.sensor, r.system) == line]
+    lines = table.curves_of(rows)
+    for k, (line, chosen) in enumerate(lines.items()):
         # Beside each other, so that whiskers of equal height can be told apart.
         at = [places[r.value] + 0.012 * width * (k - 0.5 * (len(lines) - 1)) for r in chosen]
         shares = np.array([[r.success.value, r.success.low, r.success.high] for r in chosen])
@@ -130,12 +120,13 @@ def _whiskers(axis: Axes, places: Sequence[float], values: Array, style: str, la
     return to_hex(drawn.lines[0].get_color())
 
 
-def _draw_values(axis: Axes, places: Sequence[float], rows: Sequence[TableRow],
-                 judged: Sequence[Judged], name: str, style: str) -> None:
+def _draw_values(axis: Axes, rows: Sequence[TableRow], judged: Sequence[Judged],
+                 name: str) -> None:
     """Draw medians with their intervals, every success as a cross, every failure as a circle."""
     medians = [getattr(row, name) for row in rows]
-    colour = _whiskers(axis, places, np.array([[m.value, m.low, m.high] for m in medians]), style)
-    for place, row in zip(places, rows):
+    colour = _whiskers(axis, range(len(rows)),
+                       np.array([[m.value, m.low, m.high] for m in medians]), 'o')
+    for place, row in enumerate(rows):
         own = [one for one in judged
                if row_of(one) == row.key and not table.tipped_over(one)]
         for good, marker in ((True, 'x'), (False, 'o')):
@@ -146,15 +137,10 @@ def _draw_values(axis: Axes, places: Sequence[float], rows: Sequence[TableRow],
                       markerfacecolor='none')
 
 
-def _scale_axis(axis: Axes, title: str) -> None:
-    axis.set_title(f'{title}: median, 95 %, drives (o: failed)', fontsize=10)
-    axis.grid(alpha=0.3)
-
-
 def _paths(rows: Sequence[TableRow], judged: Sequence[Judged]) -> Figure:
     columns = min(3, max(1, len(rows)))
     lines = max(1, -(-len(rows) // columns))
-    figure = _figure(4.2 * columns, 3.8 * lines)
+    figure = Figure(figsize=(4.2 * columns, 3.8 * lines), layout='constrained')
     axes = figure.subplots(lines, columns, squeeze=False).ravel()
     several = len({row.system for row in rows}) > 1
     for axis in axes[len(rows):]:
@@ -184,23 +170,17 @@ def png(figure: Figure) -> bytes:
     return data.getvalue()
 
 
-@dataclasses.dataclass(frozen=True)
-class BenchmarkReport:
-    """The table as Markdown, what a sweep shows as sentences, and the files that were written."""
-
-    table: str
-    findings: list[str]
-    files: list[Path]
-
-
 def write_report(judged: Sequence[Judged], folder: Path, name: str,
-                 paper: table.Paper | None = None) -> BenchmarkReport:
+                 paper: table.Paper | None = None) -> tuple[str, list[str]]:
     """Write NAME.md, .csv, .tex and .html, NAME_drives.csv, and NAME.png of a sweep.
 
     Args:
         judged: At least one.
         folder: Must exist.
         paper: Published numbers.
+
+    Returns:
+        The table as Markdown; what a sweep shows as sentences, and the files that were written.
 
     Raises:
         SlamError: If a file cannot be written.
@@ -220,7 +200,7 @@ def write_report(judged: Sequence[Judged], folder: Path, name: str,
         contents[f'{name}.png'] = png(curves(rows, judged, parameter))
     for file, content in contents.items():
         atomic_write(folder / file, content, SlamError)
-    return BenchmarkReport(text, found, [folder / file for file in contents])
+    return text, [*found, *(str(folder / file) for file in contents)]
 
 
 def _statement(judged: Sequence[Judged], systems: Sequence[str]) -> list[str]:

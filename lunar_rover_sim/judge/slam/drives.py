@@ -227,26 +227,26 @@ def read_folder(folder: Path) -> list[Judged]:
     if not paths:
         raise SlamError(f'{folder}: holds no results of a benchmark; valid is a folder that '
                         f'`benchmark` wrote, or its SYSTEM_drives.csv')
-    return [_of_result(path) for path in paths]
+    return [read_result(path)[0] for path in paths]
 
 
-def _of_result(path: Path) -> Judged:
-    kept = load(path)
+def read_result(path: Path) -> tuple[Judged, Any]:
+    """Return what a RESULT says of a drive, and what was asked for as it stands there.
+
+    Raises:
+        SlamError: If it cannot be read.
+    """
+    try:
+        kept = json.loads(read_text(path, MAX_BYTES, SlamError))
+    except (ValueError, RecursionError) as error:
+        raise SlamError(f'{path}: cannot be read: {error}') from None
     try:
         asked = dict(kept['request']['drive'])
         asked['overrides'] = tuple(asked['overrides'])
         return Judged(Drive(**asked), SlamResult.from_mapping(kept['result']),
-                      bool(kept['failed']), path.parent)
+                      bool(kept['failed']), path.parent), kept['request']
     except (KeyError, TypeError, AttributeError):
         raise SlamError(f'{path}: is not a result of a benchmark') from None
-
-
-def load(path: Path) -> Any:
-    """Return what a JSON file of a benchmark holds; SlamError if it cannot be read."""
-    try:
-        return json.loads(read_text(path, MAX_BYTES, SlamError))
-    except (ValueError, RecursionError) as error:
-        raise SlamError(f'{path}: cannot be read: {error}') from None
 
 
 def join(sources: Sequence[Path]) -> list[Judged]:

@@ -88,20 +88,25 @@ def _what_went_wrong(one: Judged) -> str:
     return join(share + error, result.reason)
 
 
-def rows_of(judged: Iterable[Judged]) -> list[TableRow]:
-    """Return the rows of a table, in the order of their first drives."""
+def _groups(judged: Iterable[Judged]) -> dict[tuple[str, str, str, str], list[Judged]]:
+    """Return the drives of each row, in the order of their first ones."""
     groups: dict[tuple[str, str, str, str], list[Judged]] = {}
     for one in judged:
         groups.setdefault(row_of(one), []).append(one)
+    return groups
+
+
+def rows_of(judged: Iterable[Judged]) -> list[TableRow]:
+    """Return the rows of a table, in the order of their first drives."""
     rows = []
-    for (scenario, value, sensor, system), group in groups.items():
+    for key, group in _groups(judged).items():
         # A lost track counts as zero; a drive that failed for another reason does not count.
         upright = [one for one in group if not tipped_over(one)]
         ran = [one.result for one in upright if not one.failed]
         good = [one.result for one in group if is_success(one)]
         reasons = [f'seed {one.drive.seed}: {text}' for one in group
                    if (text := _what_went_wrong(one))]
-        rows.append(TableRow(scenario, value, sensor, system, len(upright), len(good),
+        rows.append(TableRow(*key, len(upright), len(good),
                              Share.of(len(good), len(upright)),
                              Median.of(r.ate_m for r in good),
                              Median.of(r.ate_percent for r in good),
@@ -138,19 +143,21 @@ def differences(pairs: Sequence[tuple[str, Iterable[Judged], Iterable[Judged]]],
     return sentences
 
 
+def curves_of(rows: Iterable[TableRow]) -> dict[tuple[str, str, str], list[TableRow]]:
+    """Return scenario, sensor and system → their rows, one for each value of a sweep."""
+    curves: dict[tuple[str, str, str], list[TableRow]] = {}
+    for row in rows:
+        curves.setdefault((row.scenario, row.sensor, row.system), []).append(row)
+    return curves
+
+
 def steps(rows: Sequence[TableRow], judged: Sequence[Judged]) -> list[str]:
     """Say of each value of a sweep and the next one whether their errors differ."""
-    groups: dict[tuple[str, str, str, str], list[Judged]] = {}
-    for one in judged:
-        groups.setdefault(row_of(one), []).append(one)
-    found = []
-    for scenario, sensor, system in dict.fromkeys((r.scenario, r.sensor, r.system) for r in rows):
-        values = [r.value for r in rows
-                  if (r.scenario, r.sensor, r.system) == (scenario, sensor, system)]
-        for value, following in zip(values, values[1:]):
-            found.append((f'{scenario}, {sensor}, {system}, from {value} to {following}',
-                          groups[scenario, value, sensor, system],
-                          groups[scenario, following, sensor, system]))
+    groups, found = _groups(judged), []
+    for curve, along in curves_of(rows).items():
+        for row, after in zip(along, along[1:]):
+            found.append((f'{", ".join(curve)}, from {row.value} to {after.value}',
+                          groups[row.key], groups[after.key]))
     return differences(found, 'the error is not shown to differ', 'the error becomes smaller',
                        'the error becomes larger')
 
