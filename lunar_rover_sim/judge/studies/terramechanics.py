@@ -238,14 +238,7 @@ class Compared:
 
 def compare(results: Mapping[str, Sequence[Any]],
             quantities: Sequence[Quantity]) -> list[Compared]:
-    """Compare grounds; results: ground → results in the order of worlds, the same on each ground.
-
-    Raises:
-        StudyError: If there are not as many on each ground.
-    """
-    counts = {name: len(each) for name, each in results.items()}
-    if len(set(counts.values())) != 1:
-        raise StudyError(f'results of {counts} worlds are not pairs; valid is the same number')
+    """Compare grounds; results: ground → results of the same worlds in the same order."""
     found = []
     for quantity in quantities:
         first: Array | None = None

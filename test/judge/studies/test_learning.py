@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.autonomy.learning.randomisation import Randomisation
-from lunar_rover_sim.base.errors import ConfigError, StudyError
+from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.judge.studies.learning import (Case, HIDDEN_SEEDS, PACKAGED, PolicyWalk,
                                                     report_text, SETTINGS, walk, WALKED, WalkStore)
 
@@ -79,17 +79,3 @@ def test_a_policy_that_changed_walks_anew(tmp_path):
     assert store.load(case) is not None
     policy.write_bytes(b'two')
     assert store.load(case) is None
-
-
-def test_a_study_with_damaged_files_does_not_go_on(tmp_path):
-    case = Case(PACKAGED, 'rigid', 0.0, HIDDEN_SEEDS[0])
-    store = WalkStore(tmp_path / 'study', SETTINGS, resume=False)
-    store.save(case, made(case.walker, case.seed, 1.5))
-    walk, = (tmp_path / 'study' / 'drives').iterdir()
-    for content in (b'\xff', b'[' * 100_000):
-        walk.write_bytes(content)
-        with pytest.raises(StudyError, match=f'{walk.name}: is no drive of this study'):
-            store.load(case)
-    (tmp_path / 'study' / store.settings_file).write_bytes(b'\xff')
-    with pytest.raises(StudyError, match='is no study to resume: .* not UTF-8'):
-        WalkStore(tmp_path / 'study', SETTINGS, resume=True)

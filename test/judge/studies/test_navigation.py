@@ -82,9 +82,10 @@ def test_a_finished_drive_comes_back_and_other_settings_do_not(drives, tmp_path)
     with pytest.raises(StudyError, match='is no study to resume'):
         DriveStore(tmp_path, 'settings', resume=True)
     damaged, = (tmp_path / 'study' / 'drives').iterdir()
-    damaged.write_text('{"seed": 4}')
-    with pytest.raises(StudyError, match=f'{damaged.name}: is no drive of this study'):
-        store.load(case)
+    for content in (b'{"seed": 4}', b'\xff', b'[' * 100_000):
+        damaged.write_bytes(content)
+        with pytest.raises(StudyError, match=f'{damaged.name}: is no drive of this study'):
+            store.load(case)
 
 
 def test_the_report_counts_and_compares(drives, tmp_path):
