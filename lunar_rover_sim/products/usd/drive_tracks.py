@@ -27,8 +27,8 @@ from lunar_rover_sim.base.seconds import NS_PER_S
 from lunar_rover_sim.ground.regolith.overlay import CELL_M, GroundChanges
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.products.usd.ground import tile_cells, triangles
-from lunar_rover_sim.products.usd.stage import (add_mesh, Gf, integers, label, place, points, Sdf,
-                                                Usd, UsdGeom, Vt)
+from lunar_rover_sim.products.usd.stage import (add_mesh, label, place, points, Sdf, set_faces,
+                                                set_texels, Usd, UsdGeom)
 from lunar_rover_sim.rover.description import Legs, RoverDescription
 
 
@@ -233,12 +233,10 @@ def _add_patch(stage: Usd.Stage, path: Sdf.Path, patches: _Patches, patch: _Patc
     xyz = patch.points(np.zeros_like(patch.height))
     low, high = xyz.min(axis=0), xyz.max(axis=0)
     low[2], high[2] = (patch.base + heights).min(), (patch.base + heights).max()
-    mesh.GetExtentAttr().Set(Vt.Vec3fArray([Gf.Vec3f(*low.tolist()), Gf.Vec3f(*high.tolist())]))
+    mesh.GetExtentAttr().Set(points([low, high]))
     grid = patches.grid
     texel = (patch.xy / grid.cell_m + 0.5 * grid.n) / grid.n    # as the ground has them
-    UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
-        'st', Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex).Set(
-            Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(texel, np.float32)))
+    set_texels(mesh, texel)
     label(mesh.GetPrim(), 'ground')
 
 
@@ -256,8 +254,5 @@ def _cut_tiles(stage: Usd.Stage, ground: Sdf.Path, patches: _Patches,
         cut = np.zeros((patches.tile, patches.tile), bool)
         for c, r in inside:
             cut[np.ix_(cell // patches.cells == r, cell // patches.cells == c)] = True
-        kept = faces[~np.repeat(cut.ravel(), 2)]
         prim = stage.OverridePrim(ground.AppendChild(f'tile_{row:02d}_{column:02d}'))
-        mesh = UsdGeom.Mesh(prim)
-        mesh.CreateFaceVertexCountsAttr(integers(np.full(len(kept), 3)))
-        mesh.CreateFaceVertexIndicesAttr(integers(kept))
+        set_faces(UsdGeom.Mesh(prim), faces[~np.repeat(cut.ravel(), 2)])

@@ -19,9 +19,9 @@ from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.levels import axis_m
 from lunar_rover_sim.ground.world.rocks import Rocks, RockShape
 from lunar_rover_sim.products.usd.material import bind, bind_contact
-from lunar_rover_sim.products.usd.stage import (add_mesh, Gf, integers, label, place, points, Sdf,
-                                                single_quaternion, Usd, UsdGeom, UsdPhysics,
-                                                UsdShade, Vt)
+from lunar_rover_sim.products.usd.stage import (add_mesh, integers, label, place, points, Sdf,
+                                                set_faces, set_texels, single_quaternion, Usd,
+                                                UsdGeom, UsdPhysics, UsdShade, Vt)
 
 F32 = NDArray[np.float32]
 
@@ -87,7 +87,7 @@ def write_ground(path: Path, grid: HeightGrid) -> None:
                 middle = np.array([surface.axis[column] + surface.axis[column + side],
                                    surface.axis[row] + surface.axis[row + side]]) / 2
                 mesh = surface.mesh(stage, tile, rows, columns, stride, middle)
-                _set_faces(mesh, faces)
+                set_faces(mesh, faces)
                 place(mesh.GetPrim(), [*middle, 0.0])
                 UsdPhysics.CollisionAPI.Apply(mesh.GetPrim())
                 UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr(
@@ -142,10 +142,7 @@ class _Surface:
         mesh.CreateNormalsAttr(points(np.stack([nx, ny, nz], axis=-1).reshape(-1, 3)))
         mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
         mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-        st = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
-            'st', Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
-        st.Set(Vt.Vec2fArray.FromNumpy(
-            np.stack([s, t], axis=-1, dtype=np.float32).reshape(-1, 2)))
+        set_texels(mesh, np.stack([s, t], axis=-1).reshape(-1, 2))
         return mesh
 
 
@@ -154,11 +151,6 @@ def triangles(n: int) -> NDArray[np.int64]:
     corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
     east, north, both = corner + 1, corner + n, corner + n + 1
     return np.stack([corner, east, both, corner, both, north], axis=-1).reshape(-1, 3)
-
-
-def _set_faces(mesh: UsdGeom.Mesh, faces: NDArray[np.int64]) -> None:
-    mesh.CreateFaceVertexCountsAttr(integers(np.full(len(faces), 3)))
-    mesh.CreateFaceVertexIndicesAttr(integers(faces))
 
 
 def _cut_hole(mesh: UsdGeom.Mesh, half_m: float, cell_m: float) -> None:
@@ -174,15 +166,13 @@ def _cut_hole(mesh: UsdGeom.Mesh, half_m: float, cell_m: float) -> None:
     faces = faces[(away[faces] >= half_m - 1e-3).any(axis=1)]
     vertices[away < half_m - 1e-3, 2] -= cell_m
     used = np.unique(faces)
-    _set_faces(mesh, np.searchsorted(used, faces))
+    set_faces(mesh, np.searchsorted(used, faces))
     normals = np.array(mesh.GetNormalsAttr().Get())
-    st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar('st')
-    mesh.GetPointsAttr().Set(points(vertices[used]))
-    mesh.GetNormalsAttr().Set(points(normals[used]))
-    st.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(np.array(st.Get())[used])))
+    set_texels(mesh, np.array(UsdGeom.PrimvarsAPI(mesh).GetPrimvar('st').Get())[used])
     kept = vertices[used]
-    mesh.GetExtentAttr().Set([Gf.Vec3f(*kept.min(axis=0).tolist()),
-                              Gf.Vec3f(*kept.max(axis=0).tolist())])
+    mesh.GetPointsAttr().Set(points(kept))
+    mesh.GetNormalsAttr().Set(points(normals[used]))
+    mesh.GetExtentAttr().Set(points([kept.min(axis=0), kept.max(axis=0)]))
 
 
 _SHAPES = '/shapes'

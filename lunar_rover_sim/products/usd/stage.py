@@ -178,11 +178,23 @@ def add_mesh(stage: Usd.Stage, path: Sdf.Path, vertices: NDArray[np.floating],
     """Define a mesh of triangles with flat facets: (n, 3) vertices, (m, 3) indices."""
     mesh = UsdGeom.Mesh.Define(stage, path)
     mesh.CreatePointsAttr(points(vertices))
-    mesh.CreateFaceVertexCountsAttr(integers(np.full(len(faces), 3)))
-    mesh.CreateFaceVertexIndicesAttr(integers(faces))
+    set_faces(mesh, faces)
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     mesh.CreateExtentAttr(points([vertices.min(axis=0), vertices.max(axis=0)]))
     return mesh
+
+
+def set_faces(mesh: UsdGeom.Mesh, faces: NDArray[np.integer]) -> None:
+    """Give a mesh its triangles, (m, 3) indices."""
+    mesh.CreateFaceVertexCountsAttr(integers(np.full(len(faces), 3)))
+    mesh.CreateFaceVertexIndicesAttr(integers(faces))
+
+
+def set_texels(mesh: UsdGeom.Mesh, places: ArrayLike) -> None:
+    """Give the vertices of a mesh their (n, 2) places in its texture."""
+    UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+        'st', Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex).Set(
+            Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(places, np.float32)))
 
 
 def label(prim: Usd.Prim, kind: str, instance: str = '') -> None:
