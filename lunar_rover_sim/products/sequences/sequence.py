@@ -146,6 +146,17 @@ def numbers(*values: Any, separator: str = ' ') -> str:
     return separator.join(repr(float(v) + 0.0) for v in flat)  # no -0.0
 
 
+MOST_COUNTS = 65535     # of 16 bits
+
+
+def depth_counts(depth_m: NDArray[np.float32], per_m: float) -> NDArray[np.uint16]:
+    """Return depth in counts; 0 where there is none or it does not fit 16 bits."""
+    with np.errstate(invalid='ignore', over='ignore'):
+        counts = np.rint(depth_m.astype(float) * per_m)
+        known = np.isfinite(counts) & (counts >= 0.0) & (counts <= MOST_COUNTS)
+    return np.where(known, counts, 0).astype(np.uint16)
+
+
 _MOST_WAITING = 2000    # poses kept in memory
 
 

@@ -36,16 +36,16 @@ from lunar_rover_sim.base.seconds import in_seconds
 from lunar_rover_sim.image.camera.flow import FlowModel, Moved
 from lunar_rover_sim.image.rendering.labels import class_names, LABEL_FIRST_ROCK, link_label
 from lunar_rover_sim.products.sequences.labelled import check_pinhole
-from lunar_rover_sim.products.sequences.sequence import numbers, PngWriter, PosedSequence
+from lunar_rover_sim.products.sequences.sequence import (depth_counts, numbers, PngWriter,
+                                                         PosedSequence)
 from lunar_rover_sim.rover.description import Legs, RoverDescription
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.recorded_run import RecordedRun
 
 SKY_M = 10_000.0
+# Rocks are one class: the format has 8 bits. The labels below it stay.
 ROCK = LABEL_FIRST_ROCK
-# The labels below those of rocks, which are one class: the format has 8 bits.
 _MM_PER_M = 1000.0
-_FARTHEST_MM = 65535
 # Rows: north, east, down in x east, y north, z up.
 _R_NED_ODOM: Array = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 # Columns: forward, right, down in the optical frame (x right, y down, z forward).
@@ -117,7 +117,7 @@ class TartanAirSequence(PosedSequence):
         (self.folder / f'depth_{side}' / f'{name}_depth.npy').write_bytes(
             npy_bytes(np.where(np.isfinite(depth_m), depth_m, np.float32(SKY_M))))
         self.png.write(self.folder / f'depth_{side}_mm' / f'{name}_depth.png',
-                       millimetres(depth_m))
+                       depth_counts(depth_m, _MM_PER_M))
 
     def data(self, topic: str, stamp_ns: int, message: Any) -> None:
         """Keep poses and leg angles until their image comes."""
@@ -174,14 +174,6 @@ def ned_pose(T_odom_camera: Array) -> tuple[Array, Array]:
 def classes(label: NDArray[np.uint16]) -> NDArray[np.uint8]:
     """Return labels as classes; all rocks are one."""
     return np.minimum(label, ROCK).astype(np.uint8)
-
-
-def millimetres(depth_m: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Return depth as whole millimetres; 0 where there is none or it does not fit 16 bits."""
-    with np.errstate(invalid='ignore', over='ignore'):
-        counts = np.rint(depth_m.astype(float) * _MM_PER_M)
-        known = np.isfinite(counts) & (counts >= 0.0) & (counts <= _FARTHEST_MM)
-    return np.where(known, counts, 0).astype(np.uint16)
 
 
 SEEN, HIDDEN, OUTSIDE = 0, 1, 100       # values of the mask

@@ -10,7 +10,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.bag.messages import pose_matrix
@@ -19,9 +18,8 @@ from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.frames import wxyz_from_matrix
 from lunar_rover_sim.base.seconds import sortable_seconds
 from lunar_rover_sim.products.sequences.orbslam3_settings import DEPTH_FACTOR
-from lunar_rover_sim.products.sequences.sequence import numbers, PngWriter, Sequence
-
-_FARTHEST = 65535
+from lunar_rover_sim.products.sequences.sequence import (depth_counts, MOST_COUNTS, numbers,
+                                                         PngWriter, Sequence)
 
 
 class TumSequence(Sequence):
@@ -48,11 +46,7 @@ class TumSequence(Sequence):
     def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
         """Write image, depth and their lines."""
         stamp = self._stamp(stamp_ns)
-        depth_m = pixels[topics.TRUE_DEPTH.name]
-        with np.errstate(invalid='ignore', over='ignore'):
-            counts = np.rint(depth_m * np.float32(DEPTH_FACTOR))
-            known = np.isfinite(counts) & (counts <= _FARTHEST)
-        depth = np.where(known, counts, 0).astype(np.uint16)
+        depth = depth_counts(pixels[topics.TRUE_DEPTH.name], DEPTH_FACTOR)
         for name, image in (('rgb', pixels[topics.LEFT_IMAGE.name]), ('depth', depth)):
             self.png.write(self.folder / name / f'{stamp}.png', image)
             self.line(f'{name}.txt', f'{stamp} {name}/{stamp}.png')
@@ -71,4 +65,4 @@ class TumSequence(Sequence):
     def notes(self) -> list[str]:
         """Return the depth factor."""
         return [f'depth: {DEPTH_FACTOR:g} counts a metre, 0 beyond '
-                f'{_FARTHEST / DEPTH_FACTOR:.1f} m']
+                f'{MOST_COUNTS / DEPTH_FACTOR:.1f} m']
