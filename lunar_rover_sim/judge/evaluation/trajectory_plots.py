@@ -13,7 +13,7 @@ from lunar_rover_sim.base.errors import EvaluationError
 from lunar_rover_sim.base.files.results import save_figure
 from lunar_rover_sim.judge.evaluation import metrics
 from lunar_rover_sim.judge.evaluation.trajectory_evaluation import Evaluation
-from lunar_rover_sim.products.inspection.bag_pictures import draw_hillshade
+from lunar_rover_sim.products.inspection.bag_pictures import draw_around
 
 TOP_VIEW = 'top_view.png'
 
@@ -48,16 +48,14 @@ def _top_view(result: Evaluation, bag: Path | None) -> Figure:
     axes = figure.subplots()
     truth, estimate = result.truth.positions_m[:, :2], result.estimate.positions_m[:, :2]
     both = np.concatenate([truth, estimate])
-    low, high = both.min(axis=0), both.max(axis=0)
-    centre, half = (low + high) / 2, max(0.6 * float((high - low).max()), 0.25)
-    if bag is not None:
+    if bag is None:
+        draw_around(axes, both, 0.6, None)
+    else:
         with open_bag(bag) as recording:
-            draw_hillshade(axes, recording, centre, half)
+            draw_around(axes, both, 0.6, recording)
     axes.plot(*truth.T, color='tab:green', lw=2.0, label='truth')
     axes.plot(*estimate.T, color='tab:red', lw=1.0, label=f'estimate ({result.options.align})')
     axes.plot(*truth[0], 'o', color='tab:green')
-    axes.set(xlim=(centre[0] - half, centre[0] + half), ylim=(centre[1] - half, centre[1] + half),
-             xlabel='x [m]', ylabel='y [m]', aspect='equal')
     axes.set_title(f'ATE {result.ate_m.rmse:.4f} m over {result.length_m:.2f} m', fontsize=10)
     axes.legend()
     return figure

@@ -10,7 +10,7 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.message_validity import lidar_cloud_problem, lidar_points
@@ -283,12 +283,8 @@ def _exposure(bag: Bag, save: Save) -> None:
         if bag.has(name) else []
     if len({time_ms for _, time_ms in found}) < 2:
         return
-    figure = Figure(figsize=(9, 2.5), layout='constrained')
-    axes = figure.subplots()
-    axes.plot(*zip(*found), lw=0.8)
-    axes.set(title=name, xlabel='time [s]', ylabel='[ms]')
-    axes.grid(alpha=0.3)
-    save(figure, 'exposure.png')
+    t_s, times_ms = zip(*found)
+    save(_over_time(t_s, {'[ms]': {name: times_ms}}, 2.5), 'exposure.png')
 
 
 def _trajectory(bag: Bag, odometry: series.Odometry, world: Path | str | None,
@@ -296,18 +292,30 @@ def _trajectory(bag: Bag, odometry: series.Odometry, world: Path | str | None,
     figure = Figure(figsize=(7, 6.5), layout='constrained')
     axes = figure.subplots()
     xy = odometry.positions_m[:, :2]
-    low, high = xy.min(axis=0), xy.max(axis=0)
-    centre, half = (low + high) / 2, max(0.75 * float((high - low).max()), 0.25)
-    draw_hillshade(axes, bag, centre, half, world)
+    draw_around(axes, xy, 0.75, bag, world)
     axes.plot(xy[:, 0], xy[:, 1], color='tab:red', lw=1.5, label='path of base_link')
     axes.plot(*xy[0], 'o', color='tab:green', ms=6, label='start')
     axes.plot(*xy[-1], 's', color='tab:red', ms=6, label='end')
-    axes.set(xlim=(centre[0] - half, centre[0] + half), ylim=(centre[1] - half, centre[1] + half),
-             xlabel='x, east [m]', ylabel='y, north [m]', aspect='equal')
     axes.legend(loc='upper right')
     axes.set_title(f'{odometry.distance_m:.2f} m in {odometry.stamps_ns[-1] * 1e-9:.1f} s',
                    fontsize=9)
     save(figure, 'trajectory.png')
+
+
+def draw_around(axes: Any, xy: NDArray[np.float64], margin: float, bag: Bag | None,
+                folder: Path | str | None = None) -> None:
+    """Frame a path, (n, 2) places, and draw the hillshade of the site of a bag below it.
+
+    Args:
+        margin: Half of the width, as a share of the longer side of the path.
+        folder: As `draw_hillshade` has it.
+    """
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    (x, y), half = (low + high) / 2, max(margin * float((high - low).max()), 0.25)
+    if bag is not None:
+        draw_hillshade(axes, bag, np.array([x, y]), half, folder)
+    axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half), aspect='equal',
+             xlabel='x, east [m]', ylabel='y, north [m]')
 
 
 def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
@@ -359,41 +367,34 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
 
 
 def _attitude(odometry: series.Odometry, save: Save) -> None:
-    figure = Figure(figsize=(9, 5.5), layout='constrained')
-    upper, middle, lower = figure.subplots(3, 1, sharex=True)
-    t = odometry.stamps_ns * 1e-9
     rpy = np.degrees(frames.rpy_from_wxyz(odometry.orientations_wxyz))
-    upper.plot(t, rpy[:, 0], lw=0.8, label='roll')
-    upper.plot(t, rpy[:, 1], lw=0.8, label='pitch, + nose down')
-    upper.set_ylabel('[deg]')
-    middle.plot(t, odometry.positions_m[:, 2], lw=0.8, color='tab:green', label='height')
-    middle.set_ylabel('[m]')
-    lower.plot(t, odometry.twists[:, 0], lw=0.8, color='tab:red', label='forward speed')
-    lower.set(xlabel='time [s]', ylabel='[m/s]')
-    _finish((upper, middle, lower))
-    save(figure, 'attitude.png')
+    save(_over_time(odometry.stamps_ns * 1e-9, {
+        '[deg]': {'roll': rpy[:, 0], 'pitch, + nose down': rpy[:, 1]},
+        '[m]': {'height': odometry.positions_m[:, 2]},
+        '[m/s]': {'forward speed': odometry.twists[:, 0]}}, 5.5), 'attitude.png')
 
 
 def _imu(bag: Bag, save: Save) -> None:
     imu = series.read_imu(bag)
-    if not len(imu.stamps_ns):
-        return
-    figure = Figure(figsize=(9, 5), layout='constrained')
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    t = imu.stamps_ns * 1e-9
-    for k, axis in enumerate('xyz'):
-        upper.plot(t, imu.specific_forces_mps2[:, k], lw=0.6, label=axis)
-        lower.plot(t, imu.rates_radps[:, k], lw=0.6, label=axis)
-    upper.set_ylabel('specific force [m/s²]')
-    lower.set(xlabel='time [s]', ylabel='rate [rad/s]')
-    _finish((upper, lower))
-    save(figure, 'imu.png')
+    if len(imu.stamps_ns):
+        save(_over_time(imu.stamps_ns * 1e-9, {
+            'specific force [m/s²]': dict(zip('xyz', imu.specific_forces_mps2.T)),
+            'rate [rad/s]': dict(zip('xyz', imu.rates_radps.T))}, 5.0), 'imu.png')
 
 
-def _finish(all_axes: tuple[Any, ...]) -> None:
-    for axes in all_axes:
+def _over_time(t_s: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]],
+               height: float) -> Figure:
+    """Return a figure of so many inches with a panel for each unit: curves over time by name."""
+    figure = Figure(figsize=(9, height), layout='constrained')
+    rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (unit, curves) in zip(rows, panels.items()):
+        for name, values in curves.items():
+            axes.plot(t_s, values, lw=0.8, label=name)
+        axes.set_ylabel(unit)
         axes.grid(alpha=0.3)
         axes.legend(loc='upper right', fontsize=8)
+    rows[-1].set_xlabel('time [s]')
+    return figure
 
 
 def sensor_figure(bag: Bag, save: Save) -> None:
