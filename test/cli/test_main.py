@@ -1,7 +1,6 @@
 """The command line as a whole: help, words that no command takes, completion, progress."""
 
 import fcntl
-import json
 import os
 from pathlib import Path
 import pty
@@ -34,8 +33,6 @@ BAD_INPUT = {
     # An option that does not exist, lacks its value, or does not go with another one.
     'run flat --durration 3': (2, "'--durration'. Did you mean '--duration'? See lunar_rover_sim "
                                   'run --help'),
-    'evaluate a b --aling se3': (2, "Did you mean '--align'?"),
-    'world sun 0 -89 --stpe 3': (2, "No such option '--stpe'"),
     'run flat': (2, "Missing option '-o' / '--output'"),
     # What is wrong is told beside what is missing.
     'run dem': (1, "GeoTIFF or folder; also missing option '-o'"),
@@ -51,12 +48,10 @@ BAD_INPUT = {
     'bag export x -o {new} --format eurok': (2, "'eurok' is not valid; did you mean euroc?"),
     'bag export x -o {new} --epoch soon': (2, "'--epoch': 'soon' is not a date; valid is YYYY"),
     'run flat -o {new} --duration abc': (2, "'--duration': 'abc' is not a valid float"),
-    'run flat -o {new} --duration nan': (1, 'run.duration_s: nan is not a finite number'),
     'run flat -o {new} --duration -3': (1, 'run.duration_s: -3.0 is not valid; valid is > 0'),
     'validate odometry --duration nan': (1, '--duration: nan is not valid; valid is'),
-    **{f'run flat -o {{new}} --set rover.motor.stall_torque_nm={value}': (
-        1, f'stall_torque_nm: {said} is not valid; valid is 1e-06 to 1000 [N m]')
-       for value, said in (('1e300', '1e+300'), ('1e30', '1e+30'))},
+    'run flat -o {new} --set rover.motor.stall_torque_nm=1e300': (
+        1, 'stall_torque_nm: 1e+300 is not valid; valid is 1e-06 to 1000 [N m]'),
     'run flat -o {new} --set physics_node.contact.stiffness_npm=nan': (
         1, "contact.stiffness_npm: 'nan' is not a number"),
     'run flat -o {new} --goal 1': (1, "--goal '1': is no place; valid is X,Y [m]"),
@@ -96,8 +91,6 @@ BAD_INPUT = {
     'validate locomotion -o {new} --speeds 0.1 0': (1, '--speeds: 0 is not valid; valid is > 0'),
     'parameters nonsense': (1, "'nonsense' is not valid; see lunar_rover_sim parameters"),
     'run flat -o {new} --set shared.sed=3': (1, "'shared'; see lunar_rover_sim parameters"),
-    'run flat -o {new} --durationn 3': (2, "'--durationn'. Did you mean '--duration'? See"),
-    'run flat -o {new} --set sun.elevation_deg=5': (1, 'mean render_node.sun.elevation_deg?'),
     'slam run x -o {new} --system orbslam': (2, 'did you mean orbslam3? See lunar_rover_sim slam'),
     'world info no_world': (1, 'make one with `lunar_rover_sim world build`'),
     'parameters physics': (1, "section: 'physics' is not valid; did you mean physics_node"),
@@ -136,7 +129,6 @@ BAD_INPUT = {
         1, 'new.tif is not valid with --orbital, which writes a folder'),
     'world export {world} --orbital -o {new} --stride 3': (
         1, '--stride: is not for --orbital; valid is --set orbital.PARAM=VALUE'),
-    'world export {world} --orbital -o {new} --set orbital.extend_m=3': (1, 'mean extent_m'),
     'world export {world} --orbital -o {new} --set world.seed=3': (
         1, '--set world.seed=3: valid is orbital.PARAM=VALUE'),
     'world export {world} --orbital -o {new} --set orbital.extent_m=30000': (
@@ -339,12 +331,6 @@ def test_the_time_left_is_that_of_the_whole_pace(monkeypatch: pytest.MonkeyPatch
         now[0] = at
         progress(done)
     assert progress.told() == '20/110, 1:20, 3:00 left'
-
-
-def test_json_has_no_number_that_json_lacks(capsys: pytest.CaptureFixture[str]) -> None:
-    terminal.print_json({'ate_m': float('nan'), 'pairs': [(1, float('inf'))], 'name': 'Größe'})
-    text = capsys.readouterr().out
-    assert json.loads(text) == {'ate_m': None, 'pairs': [[1, None]], 'name': 'Größe'}
 
 
 def test_no_line_is_wider_than_the_terminal(capsys: pytest.CaptureFixture[str],

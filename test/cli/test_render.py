@@ -1,9 +1,7 @@
 """The commands `render`, `validate stereo` and `world preview`, as a user types them."""
 
-import errno
 import functools
 import json
-import os
 
 import camera_scene as scene
 from command_line import unfolded
@@ -144,15 +142,3 @@ def test_preview_has_the_views_which_the_lamp_lights_without_sun(tmp_path, monke
         assert image.shape == (480, 640) and image.max() > 100, title
     height, width = cv2.imread(str(output)).shape[:2]
     assert height > 0.7 * width         # 0.52 without views
-
-
-def test_a_picture_that_cannot_be_written_is_an_error(folder, tmp_path, monkeypatch, capsys):
-    def full(descriptor):
-        raise OSError(errno.ENOSPC, 'No space left on device')
-
-    monkeypatch.setattr(os, 'fsync', full)
-    assert main(['render', 'flat', '--world', str(folder), *TINY, *BARE, '-o',
-                 str(tmp_path / 'frames')]) == 1
-    said = unfolded(capsys.readouterr().err).splitlines()[-1]   # after progress on a busy machine
-    assert '000_left.png: cannot be written: No space left' in said
-    assert not list((tmp_path / 'frames').iterdir())

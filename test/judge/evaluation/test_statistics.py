@@ -87,18 +87,6 @@ def test_pairs_change_sides_with_one_another():
     assert far > 0.03 and near == pytest.approx(0.005, abs=0.0013)
 
 
-@pytest.mark.parametrize('mean,spread', [(0.01, 0.02), (0.3, 0.1), (0.99, 0.02)])
-def test_an_interval_of_a_share_stays_in_its_range(mean, spread):
-    """A few shares near 0 or 1; far from both it is that of any mean."""
-    rng = np.random.default_rng(4)
-    values = np.clip(mean + spread * rng.standard_normal(12), 0.0, 1.0)
-    one, means = statistics.estimate(values, np.random.default_rng(1), share=True)
-    any_mean, _ = statistics.estimate(values, np.random.default_rng(1))
-    assert 0.0 <= one.low < one.value < one.high <= 1.0 and one.value == any_mean.value
-    if mean == 0.3:
-        assert (one.low, one.high) == pytest.approx((any_mean.low, any_mean.high), abs=0.01)
-
-
 def test_the_interval_of_shares_of_throws_is_wilsons():
     """Images that are throws of 0 or 1: as many trials as images, less what blocks and t add."""
     values = (np.arange(400) % 10 == 0).astype(float)

@@ -236,15 +236,6 @@ def test_failures_keep_their_reason_and_others_go_on(tmp_path, bag, fake) -> Non
     assert [cell.failed for cell in again] == [False, True, False, True]
 
 
-def test_bad_bag_is_a_reason(tmp_path, bag, fake) -> None:
-    items = [item for item in synthetic.drive(1.0) if 'image' not in item.topic]
-    without = synthetic.write(tmp_path / 'without', items)
-    done = benchmark.run(plan(['baseline'], fake, (1,), 1.0), tmp_path / 'out',
-                         recorder=Recorder(without))
-    assert all(cell.failed for cell in done)
-    assert 'stereo/left/image_raw' in reason(done[0])
-
-
 @pytest.mark.parametrize('arguments, message', [
     ((['baseline'], (1,), 0.0), 'duration: 0 is not valid'),
     ((['baseline', 'baseline'], (1,), 1.0), 'two cells are called baseline-seed1'),

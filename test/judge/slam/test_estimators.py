@@ -138,20 +138,6 @@ def test_orb_slam3_is_given_no_images_of_16_bits(tmp_path, fake) -> None:
     assert note.startswith('16 bits: stereo/left/image_raw, stereo/right/image_raw; ')
 
 
-def test_other_program(tmp_path, bag) -> None:
-    script = tmp_path / 'other.py'
-    script.write_text('import sys\n'
-                      'with open(sys.argv[2], "w") as out:\n'
-                      '    for k, line in enumerate(open(sys.argv[1] + "/times.txt")):\n'
-                      '        print(int(line) / 1e9, k * 0.01, k * k * 1e-3, 0, 0, 0, 0, 1,'
-                      ' file=out)\n')
-    (tmp_path / 'out').mkdir()
-    estimator = Estimator('command', 'stereo',
-                          command=f'{sys.executable} {script} {{sequence}} {{out}}')
-    result = run_on_bag(bag, estimator, tmp_path / 'out')
-    assert result.tracked_share == 1.0
-
-
 @pytest.mark.parametrize('arguments, message', [
     ({'system': 'vins'}, 'system: .vins. is not valid'),
     ({'sensor': 'lidar'}, 'sensor: .lidar. is not valid'),

@@ -137,13 +137,9 @@ def test_a_long_drive_is_judged_frame_by_frame(at):
 
 def test_near_ground_moves_more_than_far_ground():
     """Forward starts are seen in the image by the height of the camera."""
-    x = np.concatenate([np.zeros(10), [0.02], np.full(10, 0.02)])
-    near = prediction_miss(poses(0.0 * x, x), rig(30.0), 0.1, 10.0)
-    far = prediction_miss(poses(0.0 * x, x), rig(30.0), 5.0, 10.0)
-    assert np.isfinite([near.p90_px, far.p90_px]).all()
-    start_near, start_far = (prediction_miss(poses(0.0 * x[8:11], x[8:11]), rig(30.0), h, 10.0)
-                             for h in (0.1, 5.0))
-    assert start_near.median_px > 5.0 * start_far.median_px > 0.0
+    x = np.array([0.0, 0.0, 0.02])
+    near, far = (prediction_miss(poses(0.0 * x, x), rig(30.0), h, 10.0) for h in (0.1, 5.0))
+    assert near.median_px > 5.0 * far.median_px > 0.0
 
 
 def test_cameras_that_see_only_sky_still_turn():
