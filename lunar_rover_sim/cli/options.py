@@ -164,9 +164,9 @@ def _scenarios(_context: click.Context, _param: click.Parameter,
     return [CompletionItem(name) for name in names] or [CompletionItem(begin, type='file')]
 
 
-def scenario(default: str | None = None, many: bool = False,
-             help: str = 'name of a packaged scenario, or a YAML file') -> Decorator:
+def scenario(default: str | None = None, many: bool = False) -> Decorator:
     """Declare a scenario, or with `many` `scenarios`, which are empty for the default."""
+    help = 'name of a packaged scenario, or a YAML file'
     if default is not None:
         help += f'  [default: {default}]'
     return argument('scenarios' if many else 'scenario', help, nargs=-1 if many else 1,

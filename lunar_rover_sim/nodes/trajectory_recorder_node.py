@@ -8,7 +8,7 @@ from typing import Any
 
 from lunar_rover_sim.base.errors import ConfigError, GraphError
 from lunar_rover_sim.base.seconds import in_seconds
-from lunar_rover_sim.judge.evaluation.trajectory_files import POSES_OF
+from lunar_rover_sim.judge.evaluation.trajectory_files import POSE_IN, poses_of
 from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import TimeJump
@@ -55,12 +55,11 @@ class TrajectoryRecorderNode(node_main.GraphNode):
         if not type_name:
             return
         self._timer.cancel()
-        if type_name not in POSES_OF:
+        if type_name not in POSE_IN:
             raise GraphError(f'{name}: type {type_name} holds no pose with a stamp; valid are '
-                             + ', '.join(POSES_OF))
-        poses_of = POSES_OF[type_name]
+                             + ', '.join(POSE_IN))
         self.create_subscription(message_class(type_name), TOPIC,
-                                 lambda msg: self._write(poses_of(msg)),
+                                 lambda msg: self._write(poses_of(type_name, msg)),
                                  qos.adapted(infos, qos.STATE_DEPTH))
 
     def _begin_next_file(self) -> None:

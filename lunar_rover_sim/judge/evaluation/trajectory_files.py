@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 import dataclasses
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Union
 
@@ -35,34 +36,21 @@ from lunar_rover_sim.run.recorded_run import RecordedRun, rover_frame
 # A trajectory, or where it is: FILE, BAG or BAG:TOPIC.
 Source = Union[Trajectory, str, Path]
 
-_Pose = tuple[int, Any, Any]
+_PATH, _WITH_COVARIANCE = 'nav_msgs/msg/Path', 'geometry_msgs/msg/PoseWithCovarianceStamped'
+_POSE = attrgetter('pose.position', 'pose.orientation')
+_INNER_POSE = attrgetter('pose.pose.position', 'pose.pose.orientation')
+# Position and orientation in a message; in each of the poses of a Path.
+POSE_IN: dict[str, Callable[[Any], tuple[Any, Any]]] = {
+    'nav_msgs/msg/Odometry': _INNER_POSE, _PATH: _POSE, 'geometry_msgs/msg/PoseStamped': _POSE,
+    _WITH_COVARIANCE: _INNER_POSE,
+    'geometry_msgs/msg/TransformStamped': attrgetter('transform.translation',
+                                                     'transform.rotation')}
 
 
-def _stamped_poses(message: Any) -> Iterator[_Pose]:
-    for stamped in message.poses:
-        yield header_ns(stamped), stamped.pose.position, stamped.pose.orientation
-
-
-def _one_pose(path: str) -> Callable[[Any], Iterator[_Pose]]:
-    def poses(message: Any) -> Iterator[_Pose]:
-        pose = message
-        for name in path.split('.'):
-            pose = getattr(pose, name)
-        yield header_ns(message), pose.position, pose.orientation
-    return poses
-
-
-def _transform(message: Any) -> Iterator[_Pose]:
-    yield header_ns(message), message.transform.translation, message.transform.rotation
-
-
-POSES_OF: dict[str, Callable[[Any], Iterator[_Pose]]] = {
-    'nav_msgs/msg/Odometry': _one_pose('pose.pose'),
-    'nav_msgs/msg/Path': _stamped_poses,
-    'geometry_msgs/msg/PoseStamped': _one_pose('pose'),
-    'geometry_msgs/msg/PoseWithCovarianceStamped': _one_pose('pose.pose'),
-    'geometry_msgs/msg/TransformStamped': _transform,
-}
+def poses_of(msgtype: str, message: Any) -> Iterator[tuple[int, Any, Any]]:
+    """Yield stamp [ns], position and orientation of the poses in a message."""
+    for stamped in message.poses if msgtype == _PATH else [message]:
+        yield header_ns(stamped), *POSE_IN[msgtype](stamped)
 
 
 def trajectory_of_topic(bag: Bag, topic: str = '') -> Trajectory:
@@ -77,16 +65,16 @@ def trajectory_of_topic(bag: Bag, topic: str = '') -> Trajectory:
     """
     name = bag.resolve(topic or bag.truth)
     msgtype = bag.types[name]
-    if msgtype not in POSES_OF:
+    if msgtype not in POSE_IN:
         raise EvaluationError(f'{bag.path}: topic {name} is a {msgtype}; valid are '
-                              + ', '.join(sorted(POSES_OF)))
+                              + ', '.join(sorted(POSE_IN)))
     poses = Rows()
-    has_covariance = msgtype == 'geometry_msgs/msg/PoseWithCovarianceStamped'
+    has_covariance = msgtype == _WITH_COVARIANCE
     for _, _, message in bag.messages([name]):
-        if msgtype == 'nav_msgs/msg/Path':
+        if msgtype == _PATH:
             poses = Rows()
         covariance = message.pose.covariance if has_covariance else ()
-        for ns, position, orientation in POSES_OF[msgtype](message):
+        for ns, position, orientation in poses_of(msgtype, message):
             poses.add(ns, (*xyz(position), *wxyz(orientation), *covariance))
     if not len(poses):
         raise EvaluationError(f'{bag.path}: topic {name} holds no poses')
@@ -250,23 +238,22 @@ def read_kitti(path: Path | str, times: Path | str | None = None) -> Trajectory:
 
 def write_tum(path: Path | str, trajectory: Trajectory) -> None:
     """Write a TUM file, stamps exact to the ns; raise EvaluationError if that fails."""
-    q = trajectory.orientations_wxyz
-    _write_rows(path, trajectory, np.hstack([trajectory.positions_m, q[:, 1:], q[:, :1]]))
+    _write_rows(path, trajectory, np.zeros((len(trajectory), 0)))
 
 
 def write_tum_covariance(path: Path | str, trajectory: Trajectory) -> None:
     """Write a TUM file with covariances; raise EvaluationError if that fails or there are none."""
     if trajectory.covariances is None:
         raise EvaluationError(f'{trajectory.name}: has no covariances')
-    q = trajectory.orientations_wxyz
     i, j = np.triu_indices(6)
-    _write_rows(path, trajectory, np.hstack([trajectory.positions_m, q[:, 1:], q[:, :1],
-                                             trajectory.covariances[:, i, j]]))
+    _write_rows(path, trajectory, trajectory.covariances[:, i, j])
 
 
-def _write_rows(path: Path | str, trajectory: Trajectory, numbers: Array) -> None:
+def _write_rows(path: Path | str, trajectory: Trajectory, more: Array) -> None:
+    q = trajectory.orientations_wxyz
+    rows = np.hstack([trajectory.positions_m, q[:, 1:], q[:, :1], more])
     lines = (f'{in_seconds(ns)} {" ".join(map(repr, row))}\n'
-             for ns, row in zip(trajectory.stamps_ns.tolist(), numbers.tolist()))
+             for ns, row in zip(trajectory.stamps_ns.tolist(), rows.tolist()))
     atomic_write(path, ''.join(lines), EvaluationError)
 
 
