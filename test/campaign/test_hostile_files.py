@@ -132,19 +132,18 @@ def test_numbers(tmp_path, capfd):
     assert capfd.readouterr().err == ''
 
 
-def test_what_was_drawn_is_a_mapping(tmp_path):
-    folder = dataset(tmp_path)
-    (folder / 'episodes' / '0000' / 'manifest.json').write_text('{"statistics": {}, "drawn": 3}')
-    with pytest.raises(CampaignError, match='drawn is not a mapping'):
-        make_card(folder)
-
-
-def test_a_device_is_no_manifest(tmp_path):
-    folder = dataset(tmp_path)
-    (folder / 'episodes' / '0000' / 'manifest.json').unlink()
-    (folder / 'episodes' / '0000' / 'manifest.json').symlink_to('/dev/zero')
-    with pytest.raises(CampaignError, match='not a regular file'):
-        make_card(folder)
+@pytest.mark.parametrize(('manifest', 'words'), [
+    ('{"statistics": {}, "drawn": 3}', 'drawn is not a mapping'),
+    (Path('/dev/zero'), 'not a regular file')])
+def test_manifests(tmp_path, manifest, words):
+    path = dataset(tmp_path) / 'episodes' / '0000' / 'manifest.json'
+    path.unlink()
+    if isinstance(manifest, Path):
+        path.symlink_to(manifest)
+    else:
+        path.write_text(manifest)
+    with pytest.raises(CampaignError, match=words):
+        make_card(tmp_path)
 
 
 @pytest.mark.parametrize(('message', 'shown'), [

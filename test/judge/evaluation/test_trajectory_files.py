@@ -94,12 +94,7 @@ def test_more_bad_input(tmp_path):
     (tmp_path / 'binary.txt').write_bytes(b'\xff\xfe\x00')
     with pytest.raises(EvaluationError, match='not a text file'):
         trajectory_files.load(tmp_path / 'binary.txt')
-    with pytest.raises(EvaluationError, match='no such file'):
-        trajectory_files.load(tmp_path / 'missing.txt')
     truth = wander(100, 11)
-    late = Trajectory(truth.stamps_ns + 10**12, truth.positions_m, truth.orientations_wxyz, 'e')
-    with pytest.raises(EvaluationError, match='e: 0 of 100 poses lie within 0.02 s of truth'):
-        evaluate(truth, late)
     line = dataclasses.replace(truth, positions_m=np.outer(np.arange(100.0), [0.3, 0.1, 0.2]))
     assert evaluate(line, line, align='yaw').ate_m.max < 1e-12
     still = Trajectory(truth.stamps_ns, np.zeros((100, 3)), truth.orientations_wxyz, 'still')

@@ -12,13 +12,6 @@ def run(*words):
     return execute(words)
 
 
-def test_an_existing_table_is_not_overwritten(tmp_path):
-    (tmp_path / 'table.yaml').write_text('mine')
-    with pytest.raises(ConfigError, match='table.yaml exists already; choose another'):
-        run('calibrate', 'gait', '-o', str(tmp_path / 'table.yaml'))
-    assert (tmp_path / 'table.yaml').read_text() == 'mine'
-
-
 def test_a_short_pitch_study_from_end_to_end(tmp_path, capsys):
     words = ('validate', 'locomotion', '--speeds', '0.12', '--gravities', '1.62', '--duration',
              '13', '--no-commands', '--grounds', '-o', str(tmp_path / 'out'))
@@ -38,12 +31,15 @@ def test_a_short_pitch_study_from_end_to_end(tmp_path, capsys):
     assert 'start transient' in capsys.readouterr().out
 
 
-@pytest.mark.parametrize('name', ['locomotion', 'navigation'])
-def test_an_earlier_report_is_kept(tmp_path, name):
+@pytest.mark.parametrize(('words', 'output', 'said'), [
+    ('validate locomotion', '', 'exists; name a new folder'),
+    ('validate navigation', '', 'exists; name a new folder'),
+    ('calibrate gait', 'report.md', 'report.md exists already; choose another')])
+def test_an_earlier_report_is_kept(tmp_path, words, output, said):
     (tmp_path / 'report.md').write_text('an hour of work')
-    with pytest.raises(ConfigError, match='exists; name a new folder'):
-        run('validate', name, '-o', str(tmp_path))
-    assert [path.name for path in tmp_path.iterdir()] == ['report.md']
+    with pytest.raises(ConfigError, match=said):
+        run(*words.split(), '-o', str(tmp_path / output))
+    assert [path.read_text() for path in tmp_path.iterdir()] == ['an hour of work']
 
 
 def test_a_short_odometry_study_from_end_to_end(capsys):
