@@ -31,7 +31,6 @@ from lunar_rover_sim.image.stereo.sgm import SgmMatcher
 from lunar_rover_sim.nodes import conversions, image_conversions, qos
 from lunar_rover_sim.nodes.image_conversions import (detections, label_info, vision_info,
                                                      vision_messages)
-from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 
@@ -124,8 +123,7 @@ class CameraPublisher:
             output.topic.name: output for output in entry.outputs
             if self._vision is not None or output.topic not in topics.OF_VISION}
         self._publishers: dict[str, Publisher] = {
-            name: node.create_publisher(message_class(output.topic.type), name,
-                                        qos.offered(output.topic), event_callbacks=events)
+            name: qos.publisher(node, output.topic, event_callbacks=events)
             for name, output in self._outputs.items()}
         for output in entry.outputs:
             if output.topic.name not in self._outputs:
@@ -329,16 +327,15 @@ class LabelPublisher:
         self._node = node
         self._publishers: dict[str, Any] = {}
         self._sent: dict[str, Callable[[], Any]] = {}
-        self._offer(topics.LABEL_INFO, String, lambda: String(data=vocabulary(
+        self._offer(topics.LABEL_INFO, lambda: String(data=vocabulary(
             renderer.rocks, renderer.world.craters, renderer.world.hash, legs,
             renderer.rock_labels, renderer.crater_numbers)))
         msg = vision_messages()
         if msg is not None:
             header = Header(frame_id=topics.LABEL_CLASSES.frame_id)
-            self._offer(topics.LABEL_CLASSES, msg.LabelInfo,
-                        lambda: label_info(msg, class_names(
-                            len(renderer.rocks), legs, renderer.rock_labels), header))
-            self._offer(topics.VISION_INFO, msg.VisionInfo,
+            self._offer(topics.LABEL_CLASSES, lambda: label_info(msg, class_names(
+                len(renderer.rocks), legs, renderer.rock_labels), header))
+            self._offer(topics.VISION_INFO,
                         lambda: vision_info(msg, renderer.world.hash, header))
 
     def enter(self) -> None:
@@ -346,13 +343,12 @@ class LabelPublisher:
         for name, make in self._sent.items():
             self._publishers[name].publish(make())
 
-    def _offer(self, topic: topics.Topic, message_type: type, make: Callable[[], Any]) -> None:
+    def _offer(self, topic: topics.Topic, make: Callable[[], Any]) -> None:
         """Publish what `make` returns when a topic is first read."""
         def on_match(event: object) -> None:
             if topic.name not in self._sent and getattr(event, 'current_count') > 0:
                 self._sent[topic.name] = make
                 self._publishers[topic.name].publish(make())
 
-        self._publishers[topic.name] = self._node.create_publisher(
-            message_type, topic.name, qos.offered(topic),
-            event_callbacks=PublisherEventCallbacks(matched=on_match))
+        self._publishers[topic.name] = qos.publisher(
+            self._node, topic, event_callbacks=PublisherEventCallbacks(matched=on_match))

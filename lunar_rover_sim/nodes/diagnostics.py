@@ -54,8 +54,7 @@ class Diagnostics:
         # Two rovers in one graph are told apart by their namespaces.
         self._name = node.get_fully_qualified_name().lstrip('/')
         self._hardware = node.get_namespace().strip('/') or 'lunar_rover'
-        self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS.graph_name,
-                                                qos.offered(topics.DIAGNOSTICS))
+        self._publisher = qos.publisher(node, topics.DIAGNOSTICS)
         node.create_timer(_PERIOD_S, self._report)
 
     def _report(self) -> None:

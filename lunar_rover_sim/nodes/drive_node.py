@@ -42,16 +42,14 @@ class DriveNode(node_main.GraphNode):
         self._jump = TimeJump(self)
         self._status = ''
         self._held: list[bytes] = []
-        self.create_subscription(Odometry, config.truth.name, self._odom_callback,
-                                 qos.requested(topics.ODOM, config.lockstep), raw=True)
+        qos.subscription(self, config.truth, self._odom_callback, config.lockstep, raw=True)
         stamped = config.enable_stamped_cmd_vel
         # After what it reads: who sees it may send the first state.
         self._publisher = self.create_publisher(TwistStamped if stamped else Twist,
                                                 topics.CMD_VEL.name, qos.offered(topics.CMD_VEL))
         publishers = [self._publisher]
         if config.end_after_s >= 0.0:
-            self._end = self.create_publisher(Header, topics.NAVIGATED.name,
-                                              qos.offered(topics.NAVIGATED))
+            self._end = qos.publisher(self, topics.NAVIGATED)
             publishers.append(self._end)
         # In lockstep the first command is held until everybody reads it.
         self._matching = ReaderDiscovery(self, publishers,

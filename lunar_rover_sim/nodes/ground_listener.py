@@ -44,8 +44,7 @@ def refuse_other_worlds(node: Node, folder: str, world: World, lockstep: bool) -
             raise GraphError(f'world {folder}: hash {world.hash[:12]} is not '
                              f'that of the physics, {msg.data[:12]}; give both nodes one world')
 
-    node.create_subscription(String, topics.WORLD_HASH.name, callback,
-                             qos.requested(topics.WORLD_HASH, lockstep))
+    qos.subscription(node, topics.WORLD_HASH, callback, lockstep)
 
 
 def log_window(node: Node, world: World, stamp_ns: int, took_s: float) -> None:
@@ -148,9 +147,8 @@ class GroundListener:
         self._known_ns: int | None = None       # stamp up to which changes have arrived
         # Stamp, whether it is a snapshot, and its values; in the order of stamps.
         self._waiting: list[tuple[int, bool, GroundChanges]] = []
-        node.create_subscription(PointCloud2, topics.GROUND_SNAPSHOT.name,
-                                 lambda raw: self._take(raw, True),
-                                 qos.requested(topics.GROUND_SNAPSHOT, lockstep=True), raw=True)
+        qos.subscription(node, topics.GROUND_SNAPSHOT, lambda raw: self._take(raw, True),
+                         lockstep=True, raw=True)
         node.create_subscription(PointCloud2, topics.GROUND_CHANGES.name,
                                  lambda raw: self._take(raw, False),
                                  qos.reliable(qos.STATE_DEPTH), raw=True)

@@ -81,12 +81,10 @@ class LegControllerNode(node_main.GraphNode, abc.ABC):
                                           if self._waits else None)
         if not self._waits:
             self._velocity = VelocitySubscription(self, self._set_velocity)
-        self.create_subscription(JointState, topics.JOINT_STATES.name, self._state_callback,
-                                 qos.requested(topics.JOINT_STATES, config.lockstep))
+        qos.subscription(self, topics.JOINT_STATES, self._state_callback, config.lockstep)
         self.prepare(config)
         # After all that it reads: who sees it may send the first state.
-        self._publisher = self.create_publisher(JointState, topics.JOINT_COMMANDS.name,
-                                                qos.offered(topics.JOINT_COMMANDS))
+        self._publisher = qos.publisher(self, topics.JOINT_COMMANDS)
         # In lockstep the first answer is held until everybody reads it.
         self._matching = ReaderDiscovery(
             self, [self._publisher],

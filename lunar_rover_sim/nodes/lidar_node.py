@@ -7,14 +7,13 @@ import collections
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from rosbags.typesys import get_typestore, Stores
-from sensor_msgs.msg import JointState, LaserScan, PointCloud2
+from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Header
 
 from lunar_rover_sim.bag.messages import time_ns
@@ -93,14 +92,9 @@ class LidarNode(node_main.GraphNode):
         self._rate, self._drops, self._is_fed = Rate(0.0), Drops(), False
         events = PublisherEventCallbacks(matched=lambda _: self.wake())
         self._outputs: dict[str, Publisher] = {
-            topic.name: self.create_publisher(kind, topic.name, qos.offered(topic),
-                                              event_callbacks=events)
-            for topic, kind in ((topics.LIDAR_POINTS, PointCloud2),
-                                (topics.LIDAR_DESKEWED, PointCloud2),
-                                (topics.LIDAR_SCAN, LaserScan))}
-        self._scanned = self.create_publisher(Header, topics.LIDAR_SCANNED.name,
-                                              qos.offered(topics.LIDAR_SCANNED),
-                                              event_callbacks=events)
+            topic.name: qos.publisher(self, topic, event_callbacks=events)
+            for topic in topics.OF_LIDAR}
+        self._scanned = qos.publisher(self, topics.LIDAR_SCANNED, event_callbacks=events)
         self._readers = ReaderDiscovery(self, [*self._outputs.values(), self._scanned],
                                         config.participants if config.lockstep else ())
         refuse_other_worlds(self, config.world, world, config.lockstep)
@@ -204,13 +198,11 @@ class LidarNode(node_main.GraphNode):
                   or bool(self._scanned.get_subscription_count()))
         if needed and not self._of_rover:
             # A long queue also in real time: states may come while a scan is made.
-            self._of_rover.append(self.create_subscription(
-                Odometry, self._config.truth.name, self._odom_callback,
-                qos.requested(topics.ODOM, lockstep=True), raw=True))
+            self._of_rover.append(qos.subscription(self, self._config.truth, self._odom_callback,
+                                                   lockstep=True, raw=True))
             if self._lidar.legs_met:
-                self._of_rover.append(self.create_subscription(
-                    JointState, topics.JOINT_STATES.name, self._joints_callback,
-                    qos.requested(topics.JOINT_STATES, lockstep=True)))
+                self._of_rover.append(qos.subscription(self, topics.JOINT_STATES,
+                                                       self._joints_callback, lockstep=True))
         elif self._of_rover and not needed:
             for subscription in self._of_rover:
                 self.destroy_subscription(subscription)

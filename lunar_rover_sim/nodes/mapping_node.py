@@ -6,9 +6,7 @@ from collections import deque
 import dataclasses
 from typing import Any
 
-from nav_msgs.msg import OccupancyGrid
 import numpy as np
-from sensor_msgs.msg import Image, PointCloud2
 
 from lunar_rover_sim.autonomy.navigation.elevation_map import ElevationMap
 from lunar_rover_sim.autonomy.navigation.traversability import (Limits, traversability,
@@ -53,12 +51,9 @@ class MappingNode(node_main.GraphNode):
         self._is_blind = False
         self._poses = PoseSource(self, config, config.pose, rover, self.wake, self._restart)
         depth = DEPTH_TOPICS[config.depth]
-        self.create_subscription(PointCloud2 if config.depth == LIDAR else Image, depth.name,
-                                 self._depth_callback, qos.requested(depth, config.lockstep))
-        self._traversability = self.create_publisher(
-            OccupancyGrid, topics.TRAVERSABILITY.name, qos.offered(topics.TRAVERSABILITY))
-        self._elevation = self.create_publisher(PointCloud2, topics.ELEVATION.name,
-                                                qos.offered(topics.ELEVATION))
+        qos.subscription(self, depth, self._depth_callback, config.lockstep)
+        self._traversability = qos.publisher(self, topics.TRAVERSABILITY)
+        self._elevation = qos.publisher(self, topics.ELEVATION)
         self._matching = ReaderDiscovery(self, [self._traversability, self._elevation],
                                          config.participants if config.lockstep else ())
         self.report_ready(config, f'{config.map.cells} x {config.map.cells} cells of '

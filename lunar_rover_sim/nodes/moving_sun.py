@@ -28,8 +28,7 @@ class MovingSun:
         """Publish the direction of the start; config: with the sun of its date."""
         self._renderer, self._path, self._lockstep = renderer, SunPath(config.sun), config.lockstep
         self._frame_id = topics.SUN.frame(config.separate_truth)
-        self._publisher = node.create_publisher(Vector3Stamped, topics.SUN.name,
-                                                qos.offered(topics.SUN))
+        self._publisher = qos.publisher(node, topics.SUN)
         self._pool = ThreadPoolExecutor(1)
         self._coming: Future[WorldLight] | None = None
         # Steps of the path, and its number: parameters may give another one.

@@ -9,7 +9,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
-from nav_msgs.msg import OccupancyGrid, Odometry, Path
+from nav_msgs.msg import OccupancyGrid, Path
 import numpy as np
 from std_msgs.msg import Header
 
@@ -91,10 +91,8 @@ class NavigatorNode(node_main.GraphNode):
         self._far_points: Array | None = None
         self._restart()
         self._poses = PoseSource(self, config, config.pose, rover, self.wake, self._restart)
-        self.create_subscription(Odometry, config.truth.name, self._odom_callback,
-                                 qos.requested(topics.ODOM, config.lockstep), raw=True)
-        self.create_subscription(OccupancyGrid, topics.TRAVERSABILITY.name, self._map_callback,
-                                 qos.requested(topics.TRAVERSABILITY, config.lockstep))
+        qos.subscription(self, config.truth, self._odom_callback, config.lockstep, raw=True)
+        qos.subscription(self, topics.TRAVERSABILITY, self._map_callback, config.lockstep)
         self.create_subscription(PoseStamped, topics.GOAL_POSE.name,
                                  lambda msg: self._take_goals([msg]), qos.reliable(1))
         self.create_subscription(Path, topics.WAYPOINTS.name, self._waypoints_callback,
@@ -102,12 +100,9 @@ class NavigatorNode(node_main.GraphNode):
         stamped = config.enable_stamped_cmd_vel
         self._publisher = self.create_publisher(TwistStamped if stamped else Twist,
                                                 topics.CMD_VEL.name, qos.offered(topics.CMD_VEL))
-        self._outputs = {topic: self.create_publisher(kind, topic.name, qos.offered(topic))
-                         for topic, kind in (
-                             (topics.PLAN, Path), (topics.GLOBAL_PLAN, Path),
-                             (topics.GOAL, PoseStamped),
-                             (topics.NAVIGATOR_STATUS, DiagnosticArray),
-                             (topics.NAVIGATED, Header))}
+        self._outputs = {topic: qos.publisher(self, topic) for topic in (
+            topics.PLAN, topics.GLOBAL_PLAN, topics.GOAL, topics.NAVIGATOR_STATUS,
+            topics.NAVIGATED)}
         self._action = NavigateToPoseServer.make(self, self._set_goals)
         self._matching = ReaderDiscovery(self, [self._publisher, *self._outputs.values()],
                                          config.participants if config.lockstep else ())

@@ -77,8 +77,7 @@ class PhysicsNode(node_main.GraphNode):
         self._latched_publishers = [self._latch(topics.WORLD_HASH, world.hash),
                                     self._latch(topics.ROBOT_DESCRIPTION, urdf(rover))]
         self._window = self._simulation.world
-        self._window_publisher = self.create_publisher(
-            PointStamped, topics.WORLD_WINDOW.name, qos.offered(topics.WORLD_WINDOW))
+        self._window_publisher = qos.publisher(self, topics.WORLD_WINDOW)
         self._publish_window(0)
 
         # Where others wait for somebody too, the gait controller does, for cmd_vel.
@@ -88,12 +87,9 @@ class PhysicsNode(node_main.GraphNode):
                                           self._advance_while_open,
                                           {topics.JOINT_COMMANDS: self._command_callback}, relays)
         if topics.JOINT_COMMANDS.name not in config.wait.topics:
-            self.create_subscription(
-                JointState, topics.JOINT_COMMANDS.name, self._command_callback,
-                qos.requested(topics.JOINT_COMMANDS, lockstep=False))
+            qos.subscription(self, topics.JOINT_COMMANDS, self._command_callback, lockstep=False)
         if config.end_when_navigated:
-            self.create_subscription(Header, topics.NAVIGATED.name, self._navigated_callback,
-                                     qos.requested(topics.NAVIGATED, config.lockstep))
+            qos.subscription(self, topics.NAVIGATED, self._navigated_callback, config.lockstep)
         # Commands and their stamps [ns], which wait for the time when they act.
         self._commands: collections.deque[tuple[int, Array]] = collections.deque()
         lag_ns = config.wait.lag_ns_by_topic().get(topics.JOINT_COMMANDS.name, 0)
@@ -165,7 +161,7 @@ class PhysicsNode(node_main.GraphNode):
                         np.random.default_rng([self._config.seed, Imu.stream]))
 
     def _latch(self, topic: topics.Topic, text: str) -> object:
-        publisher = self.create_publisher(String, topic.name, qos.offered(topic))
+        publisher = qos.publisher(self, topic)
         publisher.publish(String(data=text))
         return publisher
 

@@ -56,8 +56,7 @@ class PolicyNode(LegControllerNode):
         self._timeout_s = config.observation_timeout_s
         self._answered_s: float | None = None
         self._stands = False
-        self.create_subscription(Imu, topics.IMU_RAW.name, self._imu_callback,
-                                 qos.requested(topics.IMU_RAW, config.lockstep))
+        qos.subscription(self, topics.IMU_RAW, self._imu_callback, config.lockstep)
         if not config.lockstep:
             self.create_timer(_WATCH_S, self._stand_without_observations)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
+import functools
 import math
 from typing import Any
 
@@ -75,21 +76,17 @@ class PoseSource:
         self.answered_ns = 0
         self._rolls = False         # whether wheels have begun at the true start
 
-        def listen(kind: Any, topic: topics.Topic, callback: Callable[..., None],
-                   **how: bool) -> None:
-            # A long queue also in real time: states come while a map is made.
-            node.create_subscription(kind, topic.name, callback,
-                                     qos.requested(topic, lockstep=True), **how)
-
-        listen(Odometry, config.truth, self._truth_callback, raw=True)
+        # A long queue also in real time: states come while a map is made.
+        listen = functools.partial(qos.subscription, node, lockstep=True)
+        listen(config.truth, self._truth_callback, raw=True)
         self.waits: tuple[str, ...] = (config.truth.name,) if pose == TRUTH else ()
         if pose == SLAM:
-            listen(PoseStamped, topics.SLAM_POSE, self._slam_callback)
-            listen(DiagnosticArray, topics.SLAM_STATUS, self._status_callback)
+            listen(topics.SLAM_POSE, self._slam_callback)
+            listen(topics.SLAM_STATUS, self._status_callback)
             self.waits = (topics.SLAM_POSE.name, topics.SLAM_STATUS.name)
         if pose != TRUTH:
-            listen(Odometry, topics.WHEEL_ODOM, self._wheels_callback, light=True)
-            listen(Imu, topics.IMU_RAW, self._imu_callback, light=True)
+            listen(topics.WHEEL_ODOM, self._wheels_callback, light=True)
+            listen(topics.IMU_RAW, self._imu_callback, light=True)
             self.waits += (topics.WHEEL_ODOM.name, topics.IMU_RAW.name)
 
     def at(self, stamp: int) -> Array | None:

@@ -13,13 +13,16 @@ from typing import Any, cast
 from rclpy.event_handler import EventHandler, QoSSubscriptionEventType, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from lunar_rover_sim.base.errors import brief, ConfigError
 from lunar_rover_sim.base.parameters import nearest
 from lunar_rover_sim.base.topics import CHANGING, DEPTH_FRAME, EVENT, FRAME, LATCHED, SCAN, Topic
+from lunar_rover_sim.nodes.message_types import message_class
 
 STATE_DEPTH = 4000      # 20 s of states: those who wait for rare images lag by some of them
 FRAME_DEPTH = 10
@@ -54,6 +57,28 @@ def requested(topic: Topic, lockstep: bool) -> QoSProfile:
     if topic.rate == LATCHED:
         return reliable(1, durable=True)
     return reliable(depth(topic) if lockstep else COMMAND_DEPTH)
+
+
+def publisher(node: Node, topic: Topic, **options: Any) -> Publisher:
+    """Return a publisher with the type, name and profile of a topic of the contract.
+
+    Args:
+        options: More arguments of `create_publisher`.
+    """
+    return node.create_publisher(message_class(topic.type), topic.graph_name, offered(topic),
+                                 **options)
+
+
+def subscription(node: Node, topic: Topic, callback: Callable[[Any], None], lockstep: bool,
+                 **options: Any) -> Subscription:
+    """Return a subscription with the type, name and profile of a topic of the contract.
+
+    Args:
+        lockstep: As of `requested`.
+        options: More arguments of `create_subscription`.
+    """
+    return node.create_subscription(message_class(topic.type), topic.graph_name, callback,
+                                    requested(topic, lockstep), **options)
 
 
 def adapted(publishers: Sequence[TopicEndpointInfo], history: int) -> QoSProfile:

@@ -93,8 +93,7 @@ class RecorderNode(node_main.GraphNode):
             text = _read(config.scenario_file)
             scenario = scenario_of_text(text)
             self._duration_s = scenario.number('physics_node', 'duration_s', 0.0)
-            self._scenario_publisher = self.create_publisher(
-                String, topics.SCENARIO.name, qos.offered(topics.SCENARIO))
+            self._scenario_publisher = qos.publisher(self, topics.SCENARIO)
             self._scenario_publisher.publish(String(data=text))
         # Others take this publisher for a sign that the recorder is there. So it is made when all
         # that is to be acknowledged, and what the participants publish, has been subscribed.
@@ -172,8 +171,7 @@ class RecorderNode(node_main.GraphNode):
             if infos:
                 self._subscribe(name, infos[0].topic_type, infos)
         if self._publisher is None and self._needed <= self._subscribed:
-            self._publisher = self.create_publisher(Header, topics.RECORDED.name,
-                                                    qos.offered(topics.RECORDED))
+            self._publisher = qos.publisher(self, topics.RECORDED)
 
     def _name_other_types(self) -> None:
         """Warn of velocities of another type than the recorded one as soon as they are offered.

@@ -8,8 +8,6 @@ import json
 import time
 from typing import Any, NamedTuple
 
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from lunar_rover_sim.bag.stamps import stamp_ns
@@ -106,10 +104,8 @@ class RenderNode(node_main.GraphNode):
         # Before topics are advertised: who sees those may send the first state, and the cameras
         # that are prepared in between take seconds. Long queues also in real time: the state of a
         # period may come while a frame is drawn.
-        self.create_subscription(JointState, topics.JOINT_STATES.name, self._joints_callback,
-                                 qos.requested(topics.JOINT_STATES, lockstep=True), raw=True)
-        self.create_subscription(Odometry, config.truth.name, self._odom_callback,
-                                 qos.requested(topics.ODOM, lockstep=True), raw=True)
+        qos.subscription(self, topics.JOINT_STATES, self._joints_callback, lockstep=True, raw=True)
+        qos.subscription(self, config.truth, self._odom_callback, lockstep=True, raw=True)
         self._pair, *self._others = self._cameras = [
             CameraPublisher(self, camera, config, self._renderer, self._wake_if_idle,
                             self.wake_later) for camera in cameras]
@@ -122,8 +118,7 @@ class RenderNode(node_main.GraphNode):
         if not config.miscalibration.perfect:
             told = json.dumps(Miscalibration.drawn(config.miscalibration, config.seed).told(
                 config.camera))
-            self.create_publisher(String, topics.MISCALIBRATION.name,
-                                  qos.offered(topics.MISCALIBRATION)).publish(String(data=told))
+            qos.publisher(self, topics.MISCALIBRATION).publish(String(data=told))
         refuse_other_worlds(self, config.world, world, config.lockstep)
         on_change(self, config, self._configure)
         Diagnostics(self, {'Frame rate': self._frame_rate_status, 'Drops': self._drops.status})

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from contextlib import ExitStack
+import functools
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 import numpy as np
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import Image, Imu
@@ -31,7 +31,6 @@ from lunar_rover_sim.judge.slam.program import command_words, program_settings, 
 from lunar_rover_sim.judge.slam.protocol import FrameSet
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, OK, SubjectStatus, WARN
-from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import TimeJump
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
@@ -86,30 +85,19 @@ class SlamNode(node_main.GraphNode):
         # The publisher of the status is made when the program is ready: time waits for it.
         self._status: Publisher | None = None
         self._matching: ReaderDiscovery | None = None
-        self._pose = self.create_publisher(PoseStamped, topics.SLAM_POSE.name,
-                                           qos.offered(topics.SLAM_POSE))
+        self._pose = qos.publisher(self, topics.SLAM_POSE)
         self._covariance = None
         if self._graph is not None and not self._graph.note:
-            self._covariance = self.create_publisher(
-                PoseWithCovarianceStamped, topics.SLAM_COVARIANCE.name,
-                qos.offered(topics.SLAM_COVARIANCE))
-        self._tf = None
-        if config.publish_tf:
-            self._tf = self.create_publisher(message_class(topics.TF.type), topics.TF.name,
-                                             qos.offered(topics.TF))
+            self._covariance = qos.publisher(self, topics.SLAM_COVARIANCE)
+        self._tf = qos.publisher(self, topics.TF) if config.publish_tf else None
         for topic in self._sides:
-            self.create_subscription(
-                Image, topic.name, lambda msg, name=topic.name: self._image_callback(name, msg),
-                qos.requested(topic, config.lockstep))
+            qos.subscription(self, topic, functools.partial(self._image_callback, topic.name),
+                             config.lockstep)
         if config.has_imu:
-            self.create_subscription(Imu, topics.IMU_RAW.name, self._imu_callback,
-                                     qos.requested(topics.IMU_RAW, lockstep=True), light=True)
-        if self._graph is not None:
-            for topic in AIDS:
-                self.create_subscription(
-                    message_class(topic.type), topic.name,
-                    lambda msg, topic=topic: self._aid_callback(topic, msg),
-                    qos.requested(topic, lockstep=True), light=True)
+            qos.subscription(self, topics.IMU_RAW, self._imu_callback, lockstep=True, light=True)
+        for topic in AIDS if self._graph is not None else ():
+            qos.subscription(self, topic, functools.partial(self._aid_callback, topic),
+                             lockstep=True, light=True)
         Diagnostics(self, {'Tracking': self._tracking_status, 'Drops': self._drops.status})
         self.report_ready(config, waits=[topic.name for topic in self._sides])
 
@@ -189,8 +177,7 @@ class SlamNode(node_main.GraphNode):
             self._program.send(frames)
 
     def _begin(self) -> None:
-        self._status = self.create_publisher(DiagnosticArray, topics.SLAM_STATUS.name,
-                                             qos.offered(topics.SLAM_STATUS))
+        self._status = qos.publisher(self, topics.SLAM_STATUS)
         self._matching = ReaderDiscovery(
             self, [self._pose, self._status,
                    *([] if self._covariance is None else [self._covariance])],

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import BatteryState, Imu, JointState, PointCloud2
+from sensor_msgs.msg import BatteryState, Imu, JointState
 
 from lunar_rover_sim.bag.ground_points import points_of
 from lunar_rover_sim.base import frames, topics
@@ -61,10 +61,9 @@ class StatePublisher:
             **{topic: Refilled.of(_headed(WrenchStamped, topic.frame_id), 'wrench')
                for topic in self._contacts},
             **({topics.CLOCK: Refilled.of(Clock())} if config.publish_clock else {})}
-        self._messages = {topic: (message, node.create_publisher(
-            message_class(topic.type), topic.graph_name, qos.offered(topic)))
-            for topic, message in messages.items()}
-        self._tf = _tf_publisher(node, topics.TF)
+        self._messages = {topic: (message, qos.publisher(node, topic))
+                          for topic, message in messages.items()}
+        self._tf = qos.publisher(node, topics.TF)
         publish_frames(node, fixed_frames(rover))
 
     def restart(self, imu: ImuNoise) -> None:
@@ -178,11 +177,7 @@ def publish_frames(node: Node, fixed: Sequence[tuple[str, str, Array]]) -> None:
         fixed: (parent, child, (4, 4) T_parent_child).
     """
     if fixed:
-        _tf_publisher(node, topics.TF_STATIC).publish(tf_message(fixed, 0))
-
-
-def _tf_publisher(node: Node, topic: topics.Topic) -> Publisher:
-    return node.create_publisher(message_class(topic.type), topic.name, qos.offered(topic))
+        qos.publisher(node, topics.TF_STATIC).publish(tf_message(fixed, 0))
 
 
 class GroundPublisher:
@@ -202,12 +197,10 @@ class GroundPublisher:
         """
         self._overlay, self._ground, self._period_ns = overlay, ground, period_ns
         self._now_ns, self._frame_id = 0, frame_id
-        self.changes: Publisher = node.create_publisher(
-            PointCloud2, topics.GROUND_CHANGES.name, qos.offered(topics.GROUND_CHANGES))
-        events = PublisherEventCallbacks(matched=self._on_match)
-        self._snapshot: Publisher = node.create_publisher(
-            PointCloud2, topics.GROUND_SNAPSHOT.name, qos.offered(topics.GROUND_SNAPSHOT),
-            event_callbacks=events)
+        self.changes = qos.publisher(node, topics.GROUND_CHANGES)
+        self._snapshot = qos.publisher(node, topics.GROUND_SNAPSHOT,
+                                       event_callbacks=PublisherEventCallbacks(
+                                           matched=self._on_match))
         self._send(self._snapshot, overlay.snapshot())
 
     def publish(self, now_ns: int) -> None:
@@ -251,8 +244,7 @@ class RequestedSensors:
             silent: Topics that are not offered in this run.
         """
         self._sensors: list[tuple[Sensor, list[tuple[topics.Topic, Publisher]]]] = [
-            (sensor, [(topic, node.create_publisher(message_class(topic.type), topic.name,
-                                                    qos.offered(topic)))
+            (sensor, [(topic, qos.publisher(node, topic))
                       for topic in sensor.offered if topic not in silent])
             for sensor in sensors]
         self._names = {sensor: {topic.name for topic in sensor.offered} for sensor in sensors}
