@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from lunar_rover_sim.ground.world.config import LEVEL_RATIO, WorldConfig
 from lunar_rover_sim.ground.world.grid import HeightGrid
 from lunar_rover_sim.ground.world.relief import smoothstep
+from lunar_rover_sim.ground.world.spline import summed, weights
 
-_STRIP = 64  # rows interpolated at once
 _RECALL = 40  # samples after which the filter has forgotten the ends: pole^40 = 1e-23
 _PAD = 8     # samples added around a grid before it is filtered
 FADE_CELLS = 60  # width of the band in which a level's detail fades out: 1.5 m of 2.5 cm cells
@@ -49,19 +49,7 @@ def spline(y_m: NDArray, x_m: NDArray, values: NDArray, y_at: NDArray,
     padded = np.pad(np.asarray(values, np.float64), _PAD, mode='reflect', reflect_type='odd')
     across = _coefficients(padded)
     coefficients = _coefficients(np.ascontiguousarray(across.T)).T.astype(np.float32, order='C')
-    row, row_weights = _taps(y_m, y_at)
-    column, column_weights = _taps(x_m, x_at)
-    result = np.empty((len(y_at), len(x_at)), np.float32)
-    for start in range(0, len(y_at), _STRIP):
-        strip = slice(start, start + _STRIP)
-        line = row_weights[0][strip, None] * coefficients[row[strip]]
-        for k in range(1, 4):
-            line += row_weights[k][strip, None] * coefficients[row[strip] + k]
-        part = result[strip]
-        part[:] = np.take(line, column, axis=1) * column_weights[0]
-        for k in range(1, 4):
-            part += np.take(line, column + k, axis=1) * column_weights[k]
-    return result
+    return summed(coefficients, *_taps(y_m, y_at), *_taps(x_m, x_at))
 
 
 def _coefficients(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -92,12 +80,7 @@ def _taps(at: NDArray, to: NDArray) -> tuple[NDArray[np.int64], list[NDArray[np.
     step = (at[-1] - at[0]) / (len(at) - 1) if len(at) > 1 else 1.0
     place = np.clip((np.asarray(to, np.float64) - at[0]) / step, 0.0, len(at) - 1.0)
     first = np.minimum(np.floor(place), max(len(at) - 2, 0)).astype(np.int64)
-    t = place - first
-    # Products, not powers: those are not rounded alike everywhere.
-    back, square, cube = 1.0 - t, t * t, t * t * t
-    weights = [back * back * back / 6.0, (4.0 - 6.0 * square + 3.0 * cube) / 6.0,
-               (1.0 + 3.0 * t + 3.0 * square - 3.0 * cube) / 6.0, cube / 6.0]
-    return first + _PAD - 1, [weight.astype(np.float32) for weight in weights]
+    return first + _PAD - 1, weights(place - first)
 
 
 def fade(n: int) -> NDArray[np.float32]:

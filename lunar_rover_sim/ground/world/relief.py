@@ -133,19 +133,11 @@ class Relief:
             first: Column and row of the level's lattice at which they begin.
             shape: Rows and columns.
         """
-        heights = np.zeros(shape, np.float32)
         kernel = _kernel(self.config, cell_m, parent_cell_m, level == 0)
         if kernel is None:
-            return heights
-        (left, low), (rows, columns) = first, shape
-        for y in range(low // BLOCK, (low + rows - 1) // BLOCK + 1):
-            for x in range(left // BLOCK, (left + columns - 1) // BLOCK + 1):
-                block = self._block(level, cell_m, kernel, x, y)
-                a, b = max(low, y * BLOCK), min(low + rows, (y + 1) * BLOCK)
-                c, d = max(left, x * BLOCK), min(left + columns, (x + 1) * BLOCK)
-                heights[a - low:b - low, c - left:d - left] = block[
-                    a - y * BLOCK:b - y * BLOCK, c - x * BLOCK:d - x * BLOCK]
-        return heights
+            return np.zeros(shape, np.float32)
+        return streams.of_blocks(first, shape, BLOCK, functools.partial(
+            self._block, level, cell_m, kernel))
 
     def _block(self, level: int, cell_m: float, kernel: NDArray[np.complex128], x: int,
                y: int) -> NDArray[np.float32]:

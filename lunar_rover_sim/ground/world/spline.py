@@ -134,19 +134,25 @@ def evaluated(coefficient: NDArray[np.floating], columns: Array, rows: Array) ->
         coefficient: (n, m), of which one is needed below a place and two above.
         columns, rows: Ascending.
     """
-    coefficient = coefficient.astype(np.float32)
     row, column = np.floor(rows).astype(np.int64), np.floor(columns).astype(np.int64)
-    row_weights, column_weights = weights(rows - row), weights(columns - column)
+    return summed(coefficient.astype(np.float32), row - 1, weights(rows - row), column - 1,
+                  weights(columns - column))
+
+
+def summed(coefficient: F32, row: NDArray[np.int64], row_weights: list[F32],
+           column: NDArray[np.int64], column_weights: list[F32]) -> F32:
+    """Return the weighted sums of 4 x 4 coefficients, of which the first is at a row and a column.
+    """
     result = np.empty((len(row), len(column)), np.float32)
     for start in range(0, len(row), _STRIP):
         strip = slice(start, start + _STRIP)
-        line = row_weights[0][strip, None] * coefficient[row[strip] - 1]
+        line = row_weights[0][strip, None] * coefficient[row[strip]]
         for k in range(1, 4):
-            line += row_weights[k][strip, None] * coefficient[row[strip] - 1 + k]
+            line += row_weights[k][strip, None] * coefficient[row[strip] + k]
         part = result[strip]
-        part[:] = np.take(line, column - 1, axis=1) * column_weights[0]
+        part[:] = np.take(line, column, axis=1) * column_weights[0]
         for k in range(1, 4):
-            part += np.take(line, column - 1 + k, axis=1) * column_weights[k]
+            part += np.take(line, column + k, axis=1) * column_weights[k]
     return result
 
 

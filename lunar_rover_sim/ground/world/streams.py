@@ -7,6 +7,7 @@ come from its own key, by a mixing function (SplitMix64; Steele et al., OOPSLA 2
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import functools
 import hashlib
 
@@ -52,16 +53,28 @@ def blocks(seed: int, purpose: str, first: tuple[int, int], shape: tuple[int, in
         shape: Rows and columns.
         side: Of the blocks that are drawn; each gives other noise.
     """
+    return of_blocks(first, shape, side, lambda x, y: generator(seed, purpose, x, y).random(
+        (side, side), np.float32))
+
+
+def of_blocks(first: tuple[int, int], shape: tuple[int, int], side: int,
+              block: Callable[[int, int], NDArray[np.float32]]) -> NDArray[np.float32]:
+    """Return the values on a rectangle of a lattice that is made of square blocks.
+
+    Args:
+        first, shape: As of `blocks`.
+        side: Of the blocks.
+        block: Returns block (x, y), which begins at `side` times its number.
+    """
     (left, low), (rows, columns) = first, shape
-    noise = np.empty(shape, np.float32)
+    values = np.empty(shape, np.float32)
     for y in range(low // side, (low + rows - 1) // side + 1):
         for x in range(left // side, (left + columns - 1) // side + 1):
-            block = generator(seed, purpose, x, y).random((side, side), np.float32)
             a, b = max(low, y * side), min(low + rows, (y + 1) * side)
             c, d = max(left, x * side), min(left + columns, (x + 1) * side)
-            noise[a - low:b - low, c - left:d - left] = block[a - y * side:b - y * side,
-                                                              c - x * side:d - x * side]
-    return noise
+            values[a - low:b - low, c - left:d - left] = block(x, y)[
+                a - y * side:b - y * side, c - x * side:d - x * side]
+    return values
 
 
 def keys(octave: int, x: int, y: int, count: int) -> Keys:
