@@ -12,10 +12,10 @@ from lunar_rover_sim.autonomy.learning.policy_file import COMMANDS, Policy, RUNN
 from lunar_rover_sim.autonomy.learning.senses import Sample
 from lunar_rover_sim.autonomy.learning.task import Driver, TaskConfig
 from lunar_rover_sim.autonomy.learning.walk import WalkConfig, WalkDriver
-from lunar_rover_sim.base.errors import GaitError, LearningError
+from lunar_rover_sim.base.errors import LearningError
 from lunar_rover_sim.base.frames import Array
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.rover.gait.controller import LegCommand, MAX_COMMAND
+from lunar_rover_sim.rover.gait.controller import check_velocity, LegCommand
 
 CMD_TIMEOUT_S = 0.5     # a velocity command older than this stops the rover
 _OUTSIDE_NS = 1_000_000_000     # for which commands leave the range before it is reported
@@ -79,9 +79,7 @@ class PolicyController:
         Raises:
             GaitError: A value is no number, or beyond any walk; the command in force is kept.
         """
-        if not (abs(forward_mps) <= MAX_COMMAND and abs(yaw_rate_radps) <= MAX_COMMAND):
-            raise GaitError(f'velocity: {forward_mps} m/s and {yaw_rate_radps} rad/s is not valid;'
-                            f' valid is -{MAX_COMMAND:g} to {MAX_COMMAND:g}')
+        check_velocity(forward_mps, yaw_rate_radps)
         self._command_ns = np.inf if stamp_ns is None else stamp_ns
         self._velocity = (forward_mps, yaw_rate_radps)
         self._watch_range()

@@ -39,6 +39,17 @@ class LegCommand:
     phase: Array
 
 
+def check_velocity(forward_mps: float, yaw_rate_radps: float) -> None:
+    """Raise GaitError if a commanded velocity is no number, or beyond any walk."""
+    try:
+        valid = abs(forward_mps) <= MAX_COMMAND and abs(yaw_rate_radps) <= MAX_COMMAND
+    except TypeError:
+        valid = False
+    if not valid:
+        raise GaitError(f'velocity: {forward_mps} m/s and {yaw_rate_radps} rad/s is not valid;'
+                        f' valid is -{MAX_COMMAND:g} to {MAX_COMMAND:g}')
+
+
 class GaitController:
     """Walks by phases: each leg follows its share of one clock through the shaping function.
 
@@ -136,13 +147,7 @@ class GaitController:
         Raises:
             GaitError: If a value is no number, or beyond any walk; the command in force is kept.
         """
-        try:
-            valid = abs(forward_mps) <= MAX_COMMAND and abs(yaw_rate_radps) <= MAX_COMMAND
-        except TypeError:
-            valid = False
-        if not valid:
-            raise GaitError(f'velocity: {forward_mps} m/s and {yaw_rate_radps} rad/s is not valid;'
-                            f' valid is -{MAX_COMMAND:g} to {MAX_COMMAND:g}')
+        check_velocity(forward_mps, yaw_rate_radps)
         self._command_ns = math.inf if stamp_ns is None else stamp_ns
         if (forward_mps, yaw_rate_radps) != self._velocity:
             self._velocity = (forward_mps, yaw_rate_radps)
