@@ -70,9 +70,6 @@ class BagWriter:
     def __init__(self, path: Path, compression: str = 'none',
                  distribution: str = 'jazzy', max_bytes: int = 0, splits: bool = False,
                  resumed: Mapping[str, Any] | None = None) -> None:
-        if compression not in COMPRESSIONS:
-            valid = ', '.join(COMPRESSIONS)
-            raise BagError(f'compression: {compression!r} is not valid; valid are {valid}')
         self.path = Path(path)
         self.counts: dict[str, int] = {}
         self.of_another_clock: set[str] = set()

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from lunar_rover_sim.bag.messages import xyz
 from lunar_rover_sim.base import topics
-from lunar_rover_sim.base.errors import ConfigError, PhysicsError
+from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.state_file import attributes, restore_attributes
 from lunar_rover_sim.base.frames import Array, matrix_from_rotvec
 from lunar_rover_sim.base.parameters import param, Parameters
@@ -149,8 +149,6 @@ class ImuNoise:
     """
 
     def __init__(self, config: ImuConfig, rate_hz: float, rng: np.random.Generator) -> None:
-        if not rate_hz > 0.0:
-            raise ConfigError(f'rate_hz: {rate_hz} is not valid; valid is > 0 [Hz]')
         noise = noise_parameters(config)
         interval_s = 1.0 / rate_hz
         self._enabled = config.enabled
@@ -189,15 +187,8 @@ class ImuNoise:
         return float(variance[0]), float(variance[3])
 
     def measure(self, specific_force: ArrayLike, rate: ArrayLike) -> ImuSample:
-        """Return the measurement of one true (3,) specific force and (3,) rate.
-
-        Raises:
-            PhysicsError: If they have other shapes.
-        """
+        """Return the measurement of one true (3,) specific force and (3,) rate."""
         true = np.concatenate([specific_force, rate])
-        if true.shape != (6,):
-            raise PhysicsError(f'imu: signals of {np.shape(specific_force)} and {np.shape(rate)}'
-                               ' elements are not valid; valid is (3,) and (3,)')
         if not self._enabled:
             return ImuSample(true[:3], true[3:], np.zeros(3), np.zeros(3))
         draws = self._rng.standard_normal(12)

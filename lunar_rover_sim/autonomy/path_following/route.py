@@ -99,17 +99,14 @@ def shape_points(shape: str, size_m: float) -> tuple[Array, bool]:
     if shape == 'tour':
         return size_m * np.array([[0.0, 0.0], [0.55, -0.35], [1.0, 0.0], [0.75, 0.5],
                                   [0.15, 0.45]]), True
-    if shape == 'out_and_back':
-        # A drop-shaped loop at the far end lets the rover turn back without a stop.
-        turn = min(0.2 * size_m, 0.7)
-        far = size_m - 1.8 * turn
-        drop = far + turn * np.array([0.0, 0.8, 1.8, 0.8, 0.0])
-        back = np.array([far - 0.5 * turn, 0.5 * far, 0.0])
-        x = np.concatenate([back[::-1], drop, back])
-        y = np.concatenate([np.zeros(3), turn * np.array([0.0, 0.8, 0.0, -0.8, 0.0]), np.zeros(3)])
-        return catmull_rom(np.stack([x, y], axis=-1), closed=False), False
-    raise ConfigError(f'shape: {shape!r} is not valid; valid are circle, square, figure_eight,'
-                      ' out_and_back, tour')
+    # Out and back: a drop-shaped loop at the far end lets the rover turn back without a stop.
+    turn = min(0.2 * size_m, 0.7)
+    far = size_m - 1.8 * turn
+    drop = far + turn * np.array([0.0, 0.8, 1.8, 0.8, 0.0])
+    back = np.array([far - 0.5 * turn, 0.5 * far, 0.0])
+    x = np.concatenate([back[::-1], drop, back])
+    y = np.concatenate([np.zeros(3), turn * np.array([0.0, 0.8, 0.0, -0.8, 0.0]), np.zeros(3)])
+    return catmull_rom(np.stack([x, y], axis=-1), closed=False), False
 
 
 def catmull_rom(points_m: ArrayLike, closed: bool, alpha: float = 0.5) -> Array:

@@ -27,22 +27,16 @@ class ShapingFunction:
     positive everywhere: the leg never turns back while its phase grows.
 
     Raises:
-        ConfigError: If duty is not inside (0, 1), the foot width is not inside (0, pitch), a
-            smoothing is outside [0, 1], or both smoothings are zero (the slope would jump).
+        ConfigError: If the foot width is not inside (0, pitch), or both smoothings are zero (the
+            slope would jump).
     """
 
     def __init__(self, duty: float, foot_width_rad: float, stance_smoothing: float,
                  flight_smoothing: float, pitch_rad: float) -> None:
-        if not 0.0 < duty < 1.0:
-            raise ConfigError(f'duty_factor: {duty:g} is not valid; valid is > 0 and < 1')
         if not 0.0 < foot_width_rad < pitch_rad:
             raise ConfigError(
                 f'foot_width_deg: {math.degrees(foot_width_rad):g} is not valid; valid is > 0 and'
                 f' < {math.degrees(pitch_rad):g} (the spoke pitch) [deg]')
-        for name, value in (('stance_smoothing', stance_smoothing),
-                            ('flight_smoothing', flight_smoothing)):
-            if not 0.0 <= value <= 1.0:
-                raise ConfigError(f'{name}: {value:g} is not valid; valid is >= 0 and <= 1')
         if stance_smoothing + flight_smoothing <= 0.0:
             raise ConfigError('stance_smoothing and flight_smoothing: both are 0, the slope would'
                               ' jump; valid is at least one > 0')
