@@ -22,7 +22,7 @@ from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.products.inspection.summary import summarise
 from lunar_rover_sim.run.live_view import ViewProcess
 from lunar_rover_sim.run.node_config import VIEW_PORT
-from lunar_rover_sim.run.plan import (check_goals, check_sources, navigated_duration_s,
+from lunar_rover_sim.run.plan import (check_goals, check_scenario, navigated_duration_s,
                                       with_navigator, with_policy, with_route, with_slam,
                                       without_node)
 from lunar_rover_sim.run.recording import record, Recording, unfinished_run
@@ -146,7 +146,7 @@ def run(scenario: str, output: Path, duration: float | None, seed: int | None, r
     doubt_m = options.checked_doubt(orbital, near, doubt)
     if slam is not None:
         chosen = with_slam(chosen, slam, orbital, near, doubt_m)
-    check_sources(chosen)       # also before a world is built
+    check_scenario(chosen)      # also before a world is built
     for line in _of_absent_nodes(overrides, chosen.run.nodes, avoid):
         say(line)
     if world is None:

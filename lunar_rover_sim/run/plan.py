@@ -92,7 +92,7 @@ def resolve(scenario: Scenario) -> Scenario:
             drives by.
         LearningError: If the policy to walk by cannot be used.
     """
-    check_sources(scenario)
+    check_scenario(scenario)
     for name in ('output', 'scenario_file'):
         value = getattr(scenario.recorder_node, name)
         if value:
@@ -344,15 +344,16 @@ def check_goals(scenario: Scenario) -> None:
                               f'are -{half_m:g} to {half_m:g} m, see world.site_km')
 
 
-def check_sources(scenario: Scenario) -> None:
-    """Check that somebody gives the depth that is mapped, the pose to drive by, and the policy.
+def check_scenario(scenario: Scenario) -> None:
+    """Check what needs no world: depth that is mapped, pose to drive by, policy, and physics.
 
     A program of the user may give depth and pose: time waits for it, or its topic is a
     participant's. Where physics runs elsewhere, so may the others.
 
     Raises:
-        ConfigError: If nobody gives depth or pose.
+        ConfigError: If nobody gives depth or pose, or steps are too long for the contacts.
         LearningError: If there is no such policy, or it is not for the rover.
+        PhysicsError: If the rover cannot be simulated.
     """
     nodes, depth = scenario.run.nodes, scenario.mapping_node.depth
     given = {*scenario.physics_node.wait.topics, *scenario.shared.participants}
@@ -367,6 +368,13 @@ def check_sources(scenario: Scenario) -> None:
                               f'{option}, or {topic.name} in physics_node.wait.topics')
     if 'policy_node' in nodes:
         with_policy(scenario, scenario.policy_node.policy)
+    if 'physics_node' in nodes:
+        # Here, because whoever plans nothing else needs no MuJoCo, which takes 0.1 s.
+        from lunar_rover_sim.rover.physics.model import check_contacts
+        try:
+            check_contacts(scenario.rover, scenario.physics_node)
+        except ConfigError as error:
+            raise ConfigError(f'physics_node.{error}') from None
 
 
 def with_route(scenario: Scenario, shape: str, avoid: bool) -> Scenario:

@@ -24,7 +24,7 @@ from lunar_rover_sim.run.dated_sun import dated_sun
 from lunar_rover_sim.run.lockstep import machine_slowness, STARTED_NS
 from lunar_rover_sim.run.node_config import ALL
 from lunar_rover_sim.run.node_processes import Looks, NodeLogs, NodeProcesses
-from lunar_rover_sim.run.plan import (awaits_others, check_sources, prepare, resolve, ROVER_FILE,
+from lunar_rover_sim.run.plan import (awaits_others, check_scenario, prepare, resolve, ROVER_FILE,
                                       SCENARIO_FILE, why_no_checkpoints, WORLD_LINK)
 from lunar_rover_sim.run.publication import misspelt_exclusions, silent_topics, unrecorded_cameras
 from lunar_rover_sim.run.ros_domain import (check_domain, ClockReader, OwnDomain, require_ros,
@@ -243,7 +243,7 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
     else:
         check_new_folder(Path(folder), 'folder')
     require_ros()
-    check_sources(scenario)     # before a world is built
+    check_scenario(scenario)     # before a world is built
     if resume:
         world_folder = (Path(folder) / WORLD_LINK).resolve()
         used = load_world(world_folder)

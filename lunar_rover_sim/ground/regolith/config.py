@@ -92,9 +92,13 @@ class GroundConfig(Parameters):
         if gravity_mps2 <= 0.0:
             raise ConfigError(f'gravity_mps2: {gravity_mps2:g} is not valid on ground.model ='
                               f' {REGOLITH}; valid is > 0')
+        return self.unscaled_soil.under(gravity_mps2)
+
+    @property
+    def unscaled_soil(self) -> Soil:
+        """The soil under the gravity of its preset."""
         changed = {}
         for name in self.given():
             field, factor, _, _ = _OVERRIDES[name]
             changed[field] = getattr(self, name) * factor
-        return dataclasses.replace(PRESETS[self.preset], weak_slopes=self.weak_slopes,
-                                   **changed).under(gravity_mps2)
+        return dataclasses.replace(PRESETS[self.preset], weak_slopes=self.weak_slopes, **changed)

@@ -8,6 +8,7 @@ from lunar_rover_sim.base.gravity import MOON_MPS2
 from lunar_rover_sim.base.parameters import group, param, Parameters
 from lunar_rover_sim.ground.regolith.config import GroundConfig
 
+LEAST_STEP_S = 1e-5
 # At 1 ms and 0.25 m/s a walk of 20 s ends 0.1 % (discrete) or 1.7 % (implicitfast) from where it
 # ends with steps of 0.1 ms.
 INTEGRATORS = ('discrete', 'implicitfast', 'euler')
@@ -53,7 +54,7 @@ class StartPose(Parameters):
 class PhysicsConfig(Parameters):
     """The simulation; `step_s` is rounded to whole nanoseconds."""
 
-    step_s: float = param(0.001, 'time step', unit='s', low=1e-5, high=0.005)
+    step_s: float = param(0.001, 'time step', unit='s', low=LEAST_STEP_S, high=0.005)
     gravity_mps2: float = param(MOON_MPS2, 'along -z: Moon 1.62, Earth 9.81',
                                 unit='m/s^2', low=0.0, high=30.0)
     integrator: str = param('discrete', 'of MuJoCo', choices=INTEGRATORS)

@@ -37,11 +37,13 @@ the default damping the load of one foot is about critically damped.
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 
 from lunar_rover_sim.base.errors import ConfigError
-from lunar_rover_sim.rover.physics.config import ContactConfig
+from lunar_rover_sim.rover.physics.config import ContactConfig, LEAST_STEP_S
 
 # Torques per normal force: about the normal, two thirds of the radius of the contact patch, and
 # against rolling.
@@ -58,21 +60,54 @@ def set_contact(model: mujoco.MjModel, config: ContactConfig, geoms: np.ndarray,
     Raises:
         ConfigError: Where the model's time step cannot resolve the contact.
     """
-    step = model.opt.timestep
     model.opt.impratio = config.shear_damping_nspm / config.damping_nspm
     d0, d1 = IMPEDANCE, BURIED_IMPEDANCE
-    # The inverse mass of each geom's body; the lightest body has the fastest contact.
+    # The inverse mass of each geom's body.
     weights = model.body_invweight0[model.geom_bodyid[geoms], 0]
+    check_step(model.opt.timestep, weights.max() * (1.0 - d0) / d0,
+               ('contact.stiffness_npm', config.stiffness_npm, 1.0),
+               ('contact.damping_nspm', config.damping_nspm, 1.0))
     k = config.stiffness_npm * weights * (1.0 - d0) / d0
     b = config.damping_nspm * weights * (1.0 - d0) / d0
-    # With a step longer than 0.5 / sqrt(k) or 1 / b the feet chatter and lose their grip.
-    bound = min(0.5 / k.max() ** 0.5, 1.0 / b.max())
-    if step > bound:
-        raise ConfigError(f'step_s: {step} is too long for a contact of'
-                          f' {config.stiffness_npm:g} N/m and {config.damping_nspm:g} N s/m;'
-                          f' valid is <= {bound:.2g} [s], or a softer contact')
     for geom, k_geom, b_geom in zip(geoms, k, b):
         model.geom_solref[geom] = -k_geom * d1 ** 2 / d0, -b_geom * d1
         model.geom_solimp[geom] = d0, d1, tip_radius_m, _MIDPOINT, _POWER
         model.geom_friction[geom] = (config.sliding_friction, TORSIONAL_FRICTION_M,
                                      ROLLING_FRICTION_M)
+
+
+def check_step(step_s: float, mobility: float, stiffness: tuple[str, float, float],
+               damping: tuple[str, float, float], with_what: str = '') -> None:
+    """Check that a time step resolves the spring and the damper of a contact.
+
+    With a step longer than 0.5 / sqrt(k) or 1 / b the feet chatter and lose their grip.
+
+    Args:
+        step_s: Time step [s].
+        mobility: A (1 - d) / d of the lightest body, which has the fastest contact [1/kg].
+        stiffness, damping: Name of the parameter, its value [N/m] or [N s/m], and by what it is
+            multiplied in the contact.
+        with_what: For the error, what else makes them what they are.
+
+    Raises:
+        ConfigError: Where the step is too long for one of them.
+    """
+    k, b = (mobility * value * factor for _, value, factor in (stiffness, damping))
+    longest_s = {'N/m': 0.5 / k ** 0.5, 'N s/m': 1.0 / b}
+    unit = min(longest_s, key=longest_s.__getitem__)
+    if step_s <= longest_s[unit]:
+        return
+    (name, value, factor), most = {
+        'N/m': (stiffness, 0.25 / (mobility * step_s ** 2)),
+        'N s/m': (damping, 1.0 / (mobility * step_s))}[unit]
+    shorter = (f', or step_s <= {_rounded_down(longest_s[unit])}'
+               if longest_s[unit] >= LEAST_STEP_S else '')
+    raise ConfigError(f'{name}: {value:g} is not valid with step_s = {step_s:g}{with_what}; valid '
+                      f'is <= {_rounded_down(most / factor)} [{unit}] for the mass of this rover'
+                      f'{shorter}')
+
+
+def _rounded_down(value: float) -> str:
+    """Return a positive number with two digits, none of which makes it larger."""
+    digit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return f'{math.floor(value / digit) * digit:g}'

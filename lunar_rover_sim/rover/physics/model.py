@@ -16,7 +16,7 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mjcf import GROUND_BIT, IMU_SITE, ROCK_BIT, rover_spec
 from lunar_rover_sim.rover.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.physics.contact import set_contact
-from lunar_rover_sim.rover.physics.soil_contact import add_soil
+from lunar_rover_sim.rover.physics.soil_contact import add_soil, set_soil
 
 WORLD_PREFIX = 'world_'
 BASE_THICKNESS_M = 1.0
@@ -39,6 +39,28 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
     Raises:
         PhysicsError: If MuJoCo cannot simulate such a rover.
     """
+    spec = _rover_alone(rover, config)
+    tiles = _tiles(world.ground)
+    _add_ground(spec, tiles)
+    _add_rocks(spec, world)
+    model = _compiled(spec, rover, config)
+    _fill_ground(model, tiles)
+    return model
+
+
+def check_contacts(rover: RoverDescription, config: PhysicsConfig) -> None:
+    """Check, without a world, that a rover can be simulated and its contacts stepped.
+
+    Raises:
+        ConfigError: If the time step is too long for them, or soil is without gravity.
+        PhysicsError: If MuJoCo cannot simulate such a rover.
+    """
+    model = _compiled(_rover_alone(rover, config), rover, config)
+    if config.ground.deforms:
+        set_soil(model, rover, config.ground, config.ground.soil(config.gravity_mps2))
+
+
+def _rover_alone(rover: RoverDescription, config: PhysicsConfig) -> mujoco.MjSpec:
     spec = rover_spec(rover)
     option = spec.option
     option.timestep = config.step_ns * 1e-9
@@ -50,9 +72,12 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
     # With this flag MuJoCo computes the poses of static geoms, thousands of rocks, only once. The
     # rover itself never sleeps.
     option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-    tiles = _tiles(world.ground)
-    _add_ground(spec, tiles)
-    _add_rocks(spec, world)
+    return spec
+
+
+def _compiled(spec: mujoco.MjSpec, rover: RoverDescription,
+              config: PhysicsConfig) -> mujoco.MjModel:
+    """Return the model of a rover with what is around it, and with its contacts."""
     if config.ground.deforms:
         add_soil(spec, rover)
     # Nothing reads this sensor. MuJoCo computes `cfrc_ext`, the contact force on each body, only
@@ -65,7 +90,6 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
         reason = one_line(str(error).removeprefix('Error:'))
         raise PhysicsError(f'the rover cannot be simulated: {reason}; are its masses in kg and '
                            'its lengths in m?') from None
-    _fill_ground(model, tiles)
     of_rover = (model.geom_bodyid > 0) & (model.body_mocapid[model.geom_bodyid] < 0)
     rover_geoms = np.flatnonzero(of_rover)
     set_contact(model, config.contact, rover_geoms, rover.legs.tip_radius_m)

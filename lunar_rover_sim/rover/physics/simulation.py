@@ -104,7 +104,7 @@ class Simulation(Closing):
         self._full = [data.warning[kind] for kind in _FULL]
         if config.ground.deforms:
             soil, variation = config.ground.soil(config.gravity_mps2), config.ground.variation
-            rows = set_soil(model, rover, soil, config.contact)
+            rows = set_soil(model, rover, config.ground, soil)
             varies = soil_map(world, variation) if variation else None
             if self._soft_ground is None:
                 self._soft_ground = SoftGround(model, data, rover, ground, soil, rows, varies)

@@ -22,11 +22,12 @@ import mujoco
 import numpy as np
 
 from lunar_rover_sim.base.errors import ConfigError
+from lunar_rover_sim.ground.regolith.config import GroundConfig
 from lunar_rover_sim.ground.regolith.soil import IMPEDANCE, PARKED_M, Soil
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mjcf import CHASSIS_GEOM, GROUND_BIT, ROCK_BIT, ROVER_PRIORITY, tip_geom
-from lunar_rover_sim.rover.physics.config import ContactConfig
-from lunar_rover_sim.rover.physics.contact import ROLLING_FRICTION_M, TORSIONAL_FRICTION_M
+from lunar_rover_sim.rover.physics.contact import (check_step, ROLLING_FRICTION_M,
+                                                   TORSIONAL_FRICTION_M)
 
 # Of the chassis. A ball whose centre is in the ground is pushed sideways, as in `contact.py`. Its
 # contact becomes nearly rigid one tip radius deep, well before that.
@@ -82,9 +83,13 @@ def _add_balls(spec: mujoco.MjSpec) -> None:
             conaffinity=GROUND_BIT, condim=3, priority=ROVER_PRIORITY, group=1)
 
 
-def set_soil(model: mujoco.MjModel, rover: RoverDescription, soil: Soil,
-             contact: ContactConfig) -> SoilRows:
+def set_soil(model: mujoco.MjModel, rover: RoverDescription, ground: GroundConfig,
+             soil: Soil) -> SoilRows:
     """Write elasticity and friction of a soil into a compiled model with `add_soil`.
+
+    Args:
+        ground: Its parameters.
+        soil: What gravity makes of them.
 
     Raises:
         ConfigError: Where the model's time step cannot resolve them.
@@ -99,14 +104,12 @@ def set_soil(model: mujoco.MjModel, rover: RoverDescription, soil: Soil,
     weights = model.body_invweight0[model.geom_bodyid[tips], 0]
     k = soil.elastic_npm * weights * (1.0 - IMPEDANCE)
     b = soil.damping_nspm * weights * (1.0 - IMPEDANCE)
-    step = model.opt.timestep
-    bounds = {'elastic_npm': 0.5 * float((IMPEDANCE / k).min()) ** 0.5,
-              'damping_nspm': float((IMPEDANCE / b).min())}
-    name = min(bounds, key=bounds.__getitem__)
-    if step > bounds[name]:
-        raise ConfigError(f'step_s: {step:g} is too long for soil of {soil.elastic_npm:g} N/m and'
-                          f' {soil.damping_nspm:g} N s/m under {soil.gravity_mps2:g} m/s^2; valid'
-                          f' is <= {bounds[name]:.2g} [s], or a lower ground.{name}')
+    own = ground.unscaled_soil
+    stiffness, damping = ((f'ground.{name}', getattr(own, name),
+                           getattr(soil, name) / getattr(own, name))
+                          for name in ('elastic_npm', 'damping_nspm'))
+    check_step(model.opt.timestep, weights.max() * (1.0 - IMPEDANCE) / IMPEDANCE, stiffness,
+               damping, f' and gravity_mps2 = {soil.gravity_mps2:g}')
     held = np.stack([-k, -b], axis=-1)
     for row, pair in enumerate(pairs):
         model.pair_dim[pair] = 6

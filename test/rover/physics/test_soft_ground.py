@@ -1,5 +1,7 @@
 """Feet in soil: they sink as far as it bears, hold on slopes, leave prints, and stand in them."""
 
+import re
+
 import numpy as np
 from physics_scene import (depth_m, GRAVITY, make_world, plane_heights, ROVER, simulate, soft,
                            trot, WEIGHT_N)
@@ -186,12 +188,17 @@ def test_rigid_ground_has_no_overlay():
         assert simulation.overlay is None and simulation.ground_contact is None
 
 
-def test_a_step_too_long_for_the_soil_is_refused():
-    with pytest.raises(ConfigError, match=r'step_s: 0.001 is too long for soil of 1e\+06 N/m'
-                       r' .* valid is <= [\d.e-]+'):
-        simulate(ground=soft(elastic_npm=1e6))
-    with pytest.raises(ConfigError, match='or a lower ground.damping_nspm$'):
-        simulate(ground=soft(damping_nspm=5000.0))
+def test_soil_too_stiff_for_a_step_is_refused_and_the_valid_bound_is_valid():
+    for name in 'elastic_npm', 'damping_nspm':
+        for gravity_mps2 in 1.62, 3.7:
+            with pytest.raises(ConfigError, match=f'ground.{name}: .* is not valid with') as error:
+                simulate(ground=soft(**{name: 1e4 if name == 'damping_nspm' else 1e6}),
+                         gravity_mps2=gravity_mps2)
+            bound = float(re.search('valid is <= ([0-9.e+]+)', str(error.value))[1])
+            with simulate(ground=soft(**{name: bound}), gravity_mps2=gravity_mps2) as simulation:
+                simulation.advance(200)
+            with pytest.raises(ConfigError, match=f'ground.{name}: .* is not valid with'):
+                simulate(ground=soft(**{name: 1.1 * bound}), gravity_mps2=gravity_mps2)
     with pytest.raises(ConfigError, match='gravity_mps2: 0 is not valid'):
         simulate(ground=soft(), gravity_mps2=0.0)
 
