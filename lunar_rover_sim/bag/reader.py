@@ -8,6 +8,7 @@ import functools
 import heapq
 from operator import itemgetter
 from pathlib import Path
+import sys
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +32,12 @@ from lunar_rover_sim.base.errors import BagError, brief, check_path, one_line
 from lunar_rover_sim.base.files.paths import recorded_bag
 from lunar_rover_sim.base.parameters import nearest
 
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+_ZSTD = b'\x28\xb5\x2f\xfd'     # begins a frame (RFC 8878); CDR begins with a byte 0
 _LATE_NS = 500_000_000   # bags of other recorders hold messages by the time of their arrival
 
 
@@ -99,7 +106,7 @@ class Bag(Closing):
             self._reader = Reader(self.path)
             self._reader.open()
             self._typestore = typestore_of(self._reader.connections)
-            if len(self.file_counts) > 1 and not self._reader.compression_mode:
+            if len(self.file_counts) > 1 and self._reader.compression_mode != 'file':
                 for file in self.file_counts:
                     self._parts.append(Reader(file))
                     self._parts[-1].open()
@@ -282,7 +289,8 @@ class Bag(Closing):
             stop_ns: int | None = None) -> Iterator[RawMessage]:
         """Yield serialised messages of the topics (all by default), by bag time.
 
-        start_ns inclusive, stop_ns exclusive.
+        start_ns inclusive, stop_ns exclusive. Messages that are compressed one by one are
+        uncompressed, also those of a bare file, which does not say that they are.
 
         Raises:
             BagError: If the file is damaged.
@@ -291,7 +299,7 @@ class Bag(Closing):
         names, reader = {self.resolve(topic) for topic in wanted}, self.reader
         try:
             for c, time_ns, data in self._merged(reader, names, start_ns, stop_ns):
-                yield RawMessage(c.topic, c.msgtype, time_ns, data)
+                yield RawMessage(c.topic, c.msgtype, time_ns, uncompressed(data))
         except Exception as error:  # whatever the parsers make of damaged bytes
             raise BagError(f'{self.path}: is damaged: {_words(error)}') from None
 
@@ -409,6 +417,22 @@ def open_bag(path: Path | str) -> Bag:
     """
     check_path('path', path)
     return Bag(recorded_bag(path))
+
+
+def is_compressed(data: bytes) -> bool:
+    """Return whether a message is compressed, as by `ros2 bag record --compression-mode message`.
+    """
+    return data[:4] == _ZSTD
+
+
+def uncompressed(data: bytes) -> bytes:
+    """Return the CDR of a message that may be compressed; BagError where it is damaged."""
+    if not is_compressed(data):
+        return data
+    try:
+        return zstd.decompress(data)
+    except (zstd.ZstdError, MemoryError) as error:
+        raise BagError(f'a compressed message cannot be read: {_words(error)}') from None
 
 
 def _words(error: Exception) -> str:

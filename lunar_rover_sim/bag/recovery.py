@@ -1,8 +1,9 @@
 """Making a bag readable whose recording was cut off: by a kill, a full disk, a power cut.
 
 The complete chunks of a cut MCAP file are written to a new file with an index; mcap's stream
-reader needs none. Whole files of a bag that is split stay as they are. Bags in SQLite, which this
-package does not record, are left to `ros2 bag reindex`.
+reader needs none. Whole files of a bag that is split stay as they are. Where messages are
+compressed one by one, chunks are in their place, in all files: metadata.yaml says it of the bag.
+Bags in SQLite, which this package does not record, are left to `ros2 bag reindex`.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from rosbags.rosbag2.metadata import dump_qos_v9
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.metadata import (bag_information, check_files, qos_of_text, storage_files,
                                           StorageFile, topic_metadata, write_metadata)
-from lunar_rover_sim.bag.reader import open_bag, typestore_of
+from lunar_rover_sim.bag.reader import is_compressed, open_bag, typestore_of, uncompressed
 from lunar_rover_sim.bag.writer import BagWriter, in_words
 from lunar_rover_sim.base.errors import BagError
 
@@ -88,7 +89,7 @@ def _recover_mcap(files: list[Path], output: Path | None, reason: str) -> int:
         _need_space(output.parent, sum(file.stat().st_size for file in files))
         return _rewrite(files, output, reason)
     folder = files[0].parent
-    cut = [file for file in files if not _is_whole(file)]
+    cut = [file for file in files if not _stays(file)]
     _need_space(folder, sum(file.stat().st_size for file in cut))
     partial = folder / _PARTIAL
     shutil.rmtree(partial, ignore_errors=True)
@@ -110,13 +111,19 @@ def _recover_mcap(files: list[Path], output: Path | None, reason: str) -> int:
     return count
 
 
-def _is_whole(file: Path) -> bool:
-    """Return whether an MCAP file has its end and its index."""
+def _stays(file: Path) -> bool:
+    """Return whether an MCAP file has its end and its index, and no compressed messages."""
     with contextlib.suppress(Exception):    # whatever the parsers make of damaged bytes
         if marker.has_end(file):
             with Reader(file):
-                return True
+                return not _has_compressed_messages(file)
     return False
+
+
+def _has_compressed_messages(file: Path) -> bool:
+    with file.open('rb') as stream:
+        return next((is_compressed(record.data) for record, _ in _complete_records(stream)
+                     if isinstance(record, Message)), False)
 
 
 def _information_of(files: Sequence[Path], reason: str) -> tuple[dict[str, Any], int]:
@@ -147,9 +154,10 @@ def _need_space(folder: Path, needed: int) -> None:
 
 def _rewrite(files: Sequence[Path], bag: Path, reason: str) -> int:
     """Write what can be read of MCAP files to a new bag; return the number of messages."""
-    left_out = set()
+    left_out, damaged = set(), 0
     writer = None
     folder = files[0].parent
+    by_message = _has_compressed_messages(files[0])
     try:
         for file in files:
             schemas: dict[int, Schema] = {}
@@ -157,9 +165,14 @@ def _rewrite(files: Sequence[Path], bag: Path, reason: str) -> int:
             with file.open('rb') as stream:
                 for record, compressed in _complete_records(stream):
                     if writer is None:
-                        writer = BagWriter(bag, 'zstd' if compressed else 'none')
+                        writer = BagWriter(bag, 'zstd' if compressed or by_message else 'none')
                     if isinstance(record, Message) and record.channel_id in topics:
-                        writer.write_at(topics[record.channel_id], record.log_time, record.data)
+                        try:
+                            data = uncompressed(record.data)
+                        except BagError:
+                            damaged += 1
+                            continue
+                        writer.write_at(topics[record.channel_id], record.log_time, data)
                     elif isinstance(record, Schema):
                         schemas[record.id] = record
                     elif isinstance(record, Channel):
@@ -170,6 +183,9 @@ def _rewrite(files: Sequence[Path], bag: Path, reason: str) -> int:
                             left_out.add(record.topic)
         if writer is None or not any(writer.counts.values()):
             raise BagError(f'{folder}: holds no complete chunk; there is nothing to recover')
+        if damaged:
+            logger.warning('%s: compressed messages that are damaged and left out: %d', folder,
+                           damaged)
         for topic in sorted(left_out):
             logger.warning('%s: %s is left out: the description of its type is damaged', folder,
                            topic)
