@@ -31,9 +31,29 @@ def test_workflows_call_what_is_there(name: str) -> None:
     assert jobs and all(job['steps'] and job['runs-on'] for job in jobs)
     lines = '\n'.join(step.get('run', '') for job in jobs for step in job['steps'])
     called = set(re.findall(r'\S*bootstrap\b( \w+)?', lines))
-    assert called <= {' docs', ' test'} and ' docs' in called
+    assert called <= {'', ' docs', ' test'} and ' docs' in called
     # Extras and files that a step names.
     assert 'libgl1-mesa-dri' in lines or 'docker build' in lines
+
+
+# A wrapper that apt does not have, and names that tests of skipping use.
+NOT_OF_APT = {'orbslam3', 'lunar_rover_sim', 'no_such_package'}
+
+
+def test_a_job_installs_what_the_tests_beside_other_stacks_need(
+        pytestconfig: pytest.Config) -> None:
+    jobs = yaml.safe_load((ROOT / '.github/workflows/test.yml').read_text())['jobs']
+    lines = [step.get('run', '') for step in jobs['stacks']['steps']]
+    tests = (ROOT / 'test/nodes/test_stacks.py').read_text()
+    needed = {package for words in re.findall(r'needs\(([^)]*)\)', tests)
+              for package in re.findall(r"'(\w+)'", words)} - NOT_OF_APT
+    installed = set(re.findall(r'ros-jazzy-([a-z0-9-]+)', ''.join(lines)))
+    assert len(needed) > 10 and {name.replace('_', '-') for name in needed} <= installed
+    command = 'python -m pytest -m stacks -rs test/nodes'
+    assert lines[-1].splitlines()[-1] == command
+    assert command in (ROOT / 'docs/howto/stacks.md').read_text()
+    assert 'pytest.mark.stacks' in tests
+    assert any(line.startswith('stacks:') for line in pytestconfig.getini('markers'))
 
 
 def test_the_action_hands_all_inputs_to_its_script() -> None:
