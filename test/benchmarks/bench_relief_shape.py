@@ -1,54 +1,40 @@
-"""What relief below the grid costs stereo and odometry where it has shape, over paired drives.
+"""What relief below the grid costs stereo and tracking where it has shape, over paired drives.
 
     python test/benchmarks/bench_relief_shape.py -o FILE.csv [--seeds 1 2 3 4 5 6] [--shape 2.5]
-        [--samples 1] [--stereo-only]
-        [--slam "~/orbslam3/bin/python {wheel} lunar_voc.txt {settings} stereo"]
+        [--samples 2]
 
-A drive is 5 s at 0.12 m/s on `baseline`, in a world and a direction of its own (100 pairs of
+A drive is 5 s at 0.12 m/s on `baseline`, in a world and a direction of its own (10 pairs of
 640 x 480 px). Each state is drawn twice, with `detail.relief_shape_m` of 0 and of `--shape`, by
-turns first; depth, truth and what is tracked are each picture's own. Every tenth pair is matched,
-and corners of the left image are tracked into the one before it. The built-in odometry, and a
-program if one is given, follow all pairs. A row of the file is a drive; rows are written as they
-come, and a run that is started again goes on. It prints means, the mean of the paired differences
-with its 95 % interval, and q: p of Wilcoxon's test, corrected for the number of tests (Benjamini
-and Hochberg), in Markdown; it asserts nothing.
-
-With `--samples` of 2 less of a difference is the renderer's; `--stereo-only` draws what is judged.
+turns first; depth, truth and what is tracked are each picture's own. Pairs are matched, and
+corners of the left image are tracked into the one before it. A row of the file is a drive; rows
+are written as they come, and a run that is started again goes on. It prints means, the mean of the
+paired differences with its 95 % interval, and q: p of Wilcoxon's test, corrected for the number of
+tests (Benjamini and Hochberg), in Markdown; it asserts nothing.
 """
 
 from __future__ import annotations
 
 import argparse
-from contextlib import closing, ExitStack
+from contextlib import ExitStack
 import csv
 from pathlib import Path
-import sys
-from tempfile import TemporaryDirectory
-import time
 
 from bench_sampling import klt_errors, WILD_PX
 import numpy as np
 from scipy import stats
 
-from lunar_rover_sim import evaluate, Trajectory
 from lunar_rover_sim.image.stereo.depth import disparity_from_depth
 from lunar_rover_sim.image.stereo.error import stereo_errors, StereoErrors
 from lunar_rover_sim.judge.evaluation.statistics import adjusted, signed_rank_p
-from lunar_rover_sim.judge.slam.program import command_words, program_settings, SlamProgram
-from lunar_rover_sim.judge.slam.protocol import FrameSet, TRACKING
-from lunar_rover_sim.products.sequences.sensors import described_sensors
 from lunar_rover_sim.run.scenario import Scenario
 
 DURATION_S, STATE_HZ, FRAME_HZ, JUDGED = 5.0, 200, 20, 10
 NEAR_M = 2.0            # up to here all of the relief has shape
-REFERENCE = f'{sys.executable} -m lunar_rover_sim.judge.slam.graph.in_process'
 MEASURES = {
     'bad_1': 'SGM to 2 m: bad-1 [%]', 'density': 'SGM to 2 m: density on lit ground [%]',
     'median_px': 'SGM to 2 m: median signed error [px]', 'all_bad_1': 'SGM: bad-1 [%]',
     'all_density': 'SGM: density on lit ground [%]', 'klt_px': 'KLT to 2 m: median error [px]',
-    'klt_lost': 'KLT to 2 m: wrong by more than 3 px [%]', 'ate_mm': 'odometry: ATE [mm]',
-    'rpe_mm': 'odometry: RPE over 1 s [mm]', 'slam_ate_mm': 'program: ATE [mm]',
-    'slam_rpe_mm': 'program: RPE over 1 s [mm]'}
+    'klt_lost': 'KLT to 2 m: wrong by more than 3 px [%]'}
 
 
 class Picture:
@@ -60,17 +46,17 @@ class Picture:
         self.renderer.follow(simulation.overlay)
         self.matcher = scenario.matcher()
         self.errors = {'': StereoErrors(), 'all_': StereoErrors()}
-        self.pairs, self.points_px = [], []
+        self.drawn, self.last, self.points_px = 0, None, []
 
     def draw(self, state, before):
         """Draw a state; judge it if one before it is given."""
-        frame = self.renderer.render(state, len(self.pairs), ('left', 'right'))
-        self.pairs.append((state.stamp_ns, (frame.left, frame.right)))
+        frame = self.renderer.render(state, self.drawn, ('left', 'right'))
         if before is not None:
             truth = self.renderer.render(state, 0, ('depth', 'optical_flow'), before)
             self._match(frame, truth.depth_m)
-            error_px, depth_m = klt_errors(truth, frame.left, self.pairs[-2][1][0])
+            error_px, depth_m = klt_errors(truth, frame.left, self.last)
             self.points_px.append(error_px[depth_m < NEAR_M])
+        self.drawn, self.last = self.drawn + 1, frame.left
 
     def _match(self, frame, depth_m):
         found, rig = self.matcher.match(frame.left, frame.right), self.renderer.rig
@@ -80,7 +66,7 @@ class Picture:
                 there, rig.focal_px, rig.baseline_m), None, frame.left)
 
     def measures(self):
-        """Return what is known without odometry, by name."""
+        """Return the errors so far, by name."""
         points = np.concatenate(self.points_px)
         result = {'klt_px': np.median(points[points < WILD_PX]),
                   'klt_lost': 100.0 * np.mean(points >= WILD_PX)}
@@ -91,36 +77,7 @@ class Picture:
         return result | {'median_px': self.errors[''].median_px}
 
 
-def odometry(program, suite, pairs, truth):
-    """Return RMS errors of positions and of motions over 1 s [mm], infinite if it is lost."""
-    stamps, poses = [], []
-    with TemporaryDirectory() as folder, closing(SlamProgram(
-            command_words(program, suite, 'stereo', Path(folder)),
-            program_settings(suite, 'stereo', True), 120.0, 120.0)) as tracker:
-
-        def wait():
-            tracker.check()
-            time.sleep(0.001)
-
-        while not tracker.is_ready:
-            wait()
-        for stamp_ns, pair in pairs:
-            tracker.send(FrameSet(stamp_ns, pair))
-            while (taken := tracker.take()) is None:
-                wait()
-            pose, _ = taken
-            if pose.state == TRACKING:
-                stamps.append(stamp_ns)
-                poses.append((*pose.position_m, *pose.wxyz))
-    if len(stamps) < 0.9 * len(pairs):
-        return np.inf, np.inf
-    found = np.array(poses)
-    judged = evaluate(truth, Trajectory(np.array(stamps), found[:, :3], found[:, 3:]),
-                      estimate_frame='left')
-    return 1e3 * judged.ate_m.rmse, 1e3 * judged.rpe_time_m.rmse
-
-
-def drive(seed, shapes_m, samples, programs):
+def drive(seed, shapes_m, samples):
     """Return the measures of a drive by each kind of relief."""
     with ExitStack() as owned:
         options = ('render_node.camera.width=640', 'render_node.camera.height=480',
@@ -133,28 +90,17 @@ def drive(seed, shapes_m, samples, programs):
         pictures = [Picture(scenario, world, simulation, owned) for scenario in scenarios]
         gait = plain.gait_controller()
         gait.set_velocity(0.12, 0.0)
-        state, states, before = simulation.state, [], None
+        state, before = simulation.state, None
         for k in range(1, round(DURATION_S * STATE_HZ) + 1):
             legs = gait.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)
             simulation.command(legs.velocity_radps)
             state = simulation.advance(1000 // STATE_HZ)
-            states.append(state)
             number, rest = divmod(k, STATE_HZ // FRAME_HZ)
-            if rest == 0 and (programs or number % JUDGED in (0, JUDGED - 1)):
+            if rest == 0 and number % JUDGED in (0, JUDGED - 1):
                 for picture in pictures[::1 if number % 2 else -1]:
                     picture.draw(state, before if number % JUDGED == 0 else None)
                 before = state
-    truth = Trajectory.of_states(states)
-    suite = described_sensors(plain.rover, plain.render_node.camera, plain.physics_node.imu,
-                              FRAME_HZ, STATE_HZ, plain.physics_node.gravity_mps2)
-    results = []
-    for picture in pictures:
-        result = picture.measures()
-        for prefix, program in programs.items():
-            ate, rpe = odometry(program, suite, picture.pairs, truth)
-            result |= {f'{prefix}ate_mm': ate, f'{prefix}rpe_mm': rpe}
-        results.append(result)
-    return results
+    return [picture.measures() for picture in pictures]
 
 
 def main() -> None:
@@ -163,13 +109,8 @@ def main() -> None:
     parser.add_argument('-o', '--output', type=Path, required=True)
     parser.add_argument('--seeds', type=int, nargs='+', default=list(range(1, 7)))
     parser.add_argument('--shape', type=float, default=2.5)
-    parser.add_argument('--samples', type=int, default=1, help='along a side of a pixel')
-    parser.add_argument('--stereo-only', action='store_true')
-    parser.add_argument('--slam', help='program, as `run --slam` takes it')
+    parser.add_argument('--samples', type=int, default=2, help='along a side of a pixel')
     args = parser.parse_args()
-    programs = {} if args.stereo_only else {'': REFERENCE}
-    if args.slam:
-        programs['slam_'] = args.slam
     head = ('seed', 'samples', 'shape_m', *MEASURES)
     if not args.output.exists():
         args.output.write_text(','.join(head) + '\n', 'utf-8')
@@ -178,7 +119,7 @@ def main() -> None:
     for seed in args.seeds:
         if (seed, args.samples) not in done:
             shapes = (0.0, args.shape)
-            results = drive(seed, shapes, args.samples, programs)
+            results = drive(seed, shapes, args.samples)
             with args.output.open('a', encoding='utf-8', newline='') as file:
                 for shape, result in zip(shapes, results):
                     csv.DictWriter(file, head).writerow({
@@ -188,15 +129,9 @@ def main() -> None:
         rows = [row for row in csv.DictReader(file) if int(row['samples']) == args.samples]
     lines, p = [], []
     for name, words in MEASURES.items():
-        if not any(row[name] for row in rows):
-            continue
         light, shape = (np.array([float(row[name]) for row in rows
                                   if (float(row['shape_m']) > 0.0) == kind])
                         for kind in (False, True))
-        if not np.isfinite((light, shape)).all():
-            lines.append(f'| {words} | {light} | {shape} | lost |')
-            p.append(np.nan)
-            continue
         change = shape - light
         low, high = stats.t.interval(0.95, len(change) - 1, change.mean(), stats.sem(change))
         lines.append(f'| {words} | {light.mean():.3g} | {shape.mean():.3g} | {change.mean():+.2g} '
