@@ -22,7 +22,7 @@ from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.products.inspection.summary import summarise
 from lunar_rover_sim.run.live_view import ViewProcess
 from lunar_rover_sim.run.node_config import VIEW_PORT
-from lunar_rover_sim.run.plan import (check_goals, check_scenario, navigated_duration_s,
+from lunar_rover_sim.run.plan import (check_places, check_scenario, navigated_duration_s,
                                       with_navigator, with_policy, with_route, with_slam,
                                       without_node)
 from lunar_rover_sim.run.recording import record, Recording, unfinished_run
@@ -137,7 +137,7 @@ def run(scenario: str, output: Path, duration: float | None, seed: int | None, r
     elif route is not None:
         chosen = with_route(chosen, route, avoid)
     if world is None:   # else the site is that of the folder
-        check_goals(chosen)
+        check_places(chosen)
     if 'navigator_node' in chosen.run.nodes and duration is None \
             and (goal is not None or avoid or isinstance(route, list)):
         chosen = replaced(chosen, {'run.duration_s': navigated_duration_s(chosen)})

@@ -333,25 +333,28 @@ def with_navigator(scenario: Scenario, goals_m: Sequence[tuple[float, float]]) -
     return scenario
 
 
-def check_goals(scenario: Scenario) -> None:
-    """Raise ConfigError if a goal of the navigator lies beyond the site of the world."""
-    if 'navigator_node' not in scenario.run.nodes:
-        return
+def check_places(scenario: Scenario) -> None:
+    """Raise ConfigError if the start, or a goal of the navigator, lies beyond the site."""
+    start = scenario.physics_node.start
+    places = [('physics_node.start', (start.x_m, start.y_m))]
+    if 'navigator_node' in scenario.run.nodes:
+        places += [('goal', goal) for goal in scenario.navigator_node.goals]
     half_m = max(0.5 * scenario.world.size_m, 500.0 * scenario.world.site_km)
-    for goal in scenario.navigator_node.goals:
-        if max(map(abs, goal)) > half_m:
-            raise ConfigError(f'goal: x {goal[0]:g} m, y {goal[1]:g} m is beyond the site; valid '
-                              f'are -{half_m:g} to {half_m:g} m, see world.site_km')
+    for name, place in places:
+        if max(map(abs, place)) > half_m:
+            raise ConfigError(f'{name}: x {place[0]:g} m, y {place[1]:g} m is beyond the site; '
+                              f'valid are -{half_m:g} to {half_m:g} m, see world.site_km')
 
 
 def check_scenario(scenario: Scenario) -> None:
-    """Check what needs no world: depth that is mapped, pose to drive by, policy, and physics.
+    """Check what needs no world: depth that is mapped, pose, policy, gait and physics.
 
     A program of the user may give depth and pose: time waits for it, or its topic is a
     participant's. Where physics runs elsewhere, so may the others.
 
     Raises:
-        ConfigError: If nobody gives depth or pose, or steps are too long for the contacts.
+        ConfigError: If nobody gives depth or pose, gait or start are for another number of legs,
+            or steps are too long for the contacts.
         LearningError: If there is no such policy, or it is not for the rover.
         PhysicsError: If the rover cannot be simulated.
     """
@@ -368,13 +371,19 @@ def check_scenario(scenario: Scenario) -> None:
                               f'{option}, or {topic.name} in physics_node.wait.topics')
     if 'policy_node' in nodes:
         with_policy(scenario, scenario.policy_node.policy)
-    if 'physics_node' in nodes:
-        # Here, because whoever plans nothing else needs no MuJoCo, which takes 0.1 s.
-        from lunar_rover_sim.rover.physics.model import check_contacts
-        try:
+    try:
+        node = 'gait_controller_node'
+        if node in nodes:
+            scenario.gait_controller_node.for_rover(scenario.rover)
+        node = 'physics_node'
+        if node in nodes:
+            # Here, because whoever plans nothing else needs no MuJoCo, which takes 0.1 s.
+            from lunar_rover_sim.rover.physics.model import check_contacts
+            from lunar_rover_sim.rover.physics.placing import check_joint_angles
+            check_joint_angles(scenario.physics_node.start, scenario.rover)
             check_contacts(scenario.rover, scenario.physics_node)
-        except ConfigError as error:
-            raise ConfigError(f'physics_node.{error}') from None
+    except ConfigError as error:
+        raise ConfigError(f'{node}.{str(error).removeprefix(node + ".")}') from None
 
 
 def with_route(scenario: Scenario, shape: str, avoid: bool) -> Scenario:

@@ -57,6 +57,8 @@ BAD_INPUT = {
     'run flat -o {new} --goal 1': (1, "--goal '1': is no place; valid is X,Y [m]"),
     'run flat -o {new} --goal 1e9,0': (1, 'goal: x 1e+09 m, y 0 m is beyond the site; valid are '
                                           '-2000 to 2000 m, see world.site_km'),
+    'run flat -o {new} --set physics_node.start.x_m=1e6': (
+        1, 'physics_node.start: x 1e+06 m, y 0 m is beyond the site; valid are -2000 to 2000 m'),
     'run flat -o {new} --slam': (2, "'--slam' requires an argument"),
     'run flat -o {new} --slam=': (1, "--slam: '' is not valid; valid is a program"),
     'run flat -o {new} --slam "': (1, "--slam: '\"' is not valid: No closing quotation"),
@@ -187,6 +189,11 @@ UNRESOLVED = {
      '--set policy_node.policy=nope.onnx', 'nope.onnx: cannot be read: no such file'),
     ('run flat --set run.nodes=[physics_node,policy_node,recorder_node]',
      'policy: not given; valid is a file, or '),
+    ('run flat --set physics_node.start.joint_angle_rad=[0.0,1.0]',
+     'physics_node.start.joint_angle_rad: 2 elements given; valid is one for all legs, or 4'),
+    ('run flat --set gait_controller_node.gait=custom '
+     '--set gait_controller_node.phase_offsets=[0.0,0.5]',
+     'gait_controller_node.phase_offsets: 2 elements given; valid is one for each leg'),
     *((f'run baseline --set physics_node.{setting}', f'physics_node.{words}')
       for setting, words in UNRESOLVED.items())])
 def test_what_a_run_lacks_is_said_before_a_world_is_built(

@@ -99,6 +99,14 @@ def check_start(start: StartPose, follower: Follower) -> None:
                               f'{high - MARGIN_M:g} [m] on this world')
 
 
+def check_joint_angles(start: StartPose, rover: RoverDescription) -> None:
+    """Raise ConfigError if they are neither one for all legs nor one for each."""
+    given, legs = len(start.joint_angle_rad), len(rover.legs.each)
+    if given not in (1, legs):
+        raise ConfigError(f'start.joint_angle_rad: {given} elements given; valid is one for all '
+                          f'legs, or {legs}')
+
+
 def place(model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid, rover: RoverDescription,
           start: StartPose) -> None:
     """Put the rover at the start pose, clear of the ground and of rocks; writes `data.qpos`.
@@ -110,9 +118,7 @@ def place(model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid, rover:
     data.qpos[:3] = start.x_m, start.y_m, 0.0
     data.qpos[3:7] = wxyz_from_matrix(rotation)
     legs = len(rover.legs.each)
-    if len(start.joint_angle_rad) not in (1, legs):
-        raise ConfigError(f'start.joint_angle_rad: {len(start.joint_angle_rad)} elements given; '
-                          f'valid is one for all legs, or {legs}')
+    check_joint_angles(start, rover)
     data.qpos[7:7 + legs] = start.joint_angle_rad
     data.qvel[:] = 0.0
     mujoco.mj_kinematics(model, data)
