@@ -5,7 +5,8 @@ It needs no ROS: `record` and the launch file both start what `prepare` returns.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+import contextlib
 import dataclasses
 import difflib
 import json
@@ -371,19 +372,25 @@ def check_scenario(scenario: Scenario) -> None:
                               f'{option}, or {topic.name} in physics_node.wait.topics')
     if 'policy_node' in nodes:
         with_policy(scenario, scenario.policy_node.policy)
-    try:
-        node = 'gait_controller_node'
-        if node in nodes:
+    if 'gait_controller_node' in nodes:
+        with _parameters_of('gait_controller_node'):
             scenario.gait_controller_node.for_rover(scenario.rover)
-        node = 'physics_node'
-        if node in nodes:
-            # Here, because whoever plans nothing else needs no MuJoCo, which takes 0.1 s.
-            from lunar_rover_sim.rover.physics.model import check_contacts
-            from lunar_rover_sim.rover.physics.placing import check_joint_angles
+    if 'physics_node' in nodes:
+        # MuJoCo takes 0.1 s to import, and the rest of this module does not need it.
+        from lunar_rover_sim.rover.physics.model import check_contacts
+        from lunar_rover_sim.rover.physics.placing import check_joint_angles
+        with _parameters_of('physics_node'):
             check_joint_angles(scenario.physics_node.start, scenario.rover)
             check_contacts(scenario.rover, scenario.physics_node)
+
+
+@contextlib.contextmanager
+def _parameters_of(node: str) -> Iterator[None]:
+    """Name the node in errors of its parameters."""
+    try:
+        yield
     except ConfigError as error:
-        raise ConfigError(f'{node}.{str(error).removeprefix(node + ".")}') from None
+        raise ConfigError(f'{node}.{error}') from None
 
 
 def with_route(scenario: Scenario, shape: str, avoid: bool) -> Scenario:
