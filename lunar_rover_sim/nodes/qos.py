@@ -3,6 +3,7 @@
 All is RELIABLE. Latched topics are TRANSIENT_LOCAL. All others are VOLATILE: a late reader gets
 what is sent from then on, nothing of the past. In lockstep nodes hold their first message until
 the readers are matched (`matching`). The parameters `qos_overrides` change single profiles.
+`publisher` and `subscription` take type and name from the contract, too.
 """
 
 from __future__ import annotations

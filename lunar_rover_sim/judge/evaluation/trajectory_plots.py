@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 import io
 from pathlib import Path
 
@@ -48,11 +49,8 @@ def _top_view(result: Evaluation, bag: Path | None) -> Figure:
     axes = figure.subplots()
     truth, estimate = result.truth.positions_m[:, :2], result.estimate.positions_m[:, :2]
     both = np.concatenate([truth, estimate])
-    if bag is None:
-        draw_around(axes, both, 0.6, None)
-    else:
-        with open_bag(bag) as recording:
-            draw_around(axes, both, 0.6, recording)
+    with nullcontext() if bag is None else open_bag(bag) as recording:
+        draw_around(axes, both, 0.6, recording)
     axes.plot(*truth.T, color='tab:green', lw=2.0, label='truth')
     axes.plot(*estimate.T, color='tab:red', lw=1.0, label=f'estimate ({result.options.align})')
     axes.plot(*truth[0], 'o', color='tab:green')

@@ -311,9 +311,10 @@ def draw_around(axes: Any, xy: NDArray[np.float64], margin: float, bag: Bag | No
         folder: As `draw_hillshade` has it.
     """
     low, high = xy.min(axis=0), xy.max(axis=0)
-    (x, y), half = (low + high) / 2, max(margin * float((high - low).max()), 0.25)
+    middle, half = (low + high) / 2, max(margin * float((high - low).max()), 0.25)
     if bag is not None:
-        draw_hillshade(axes, bag, np.array([x, y]), half, folder)
+        draw_hillshade(axes, bag, middle, half, folder)
+    x, y = middle
     axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half), aspect='equal',
              xlabel='x, east [m]', ylabel='y, north [m]')
 
