@@ -1,6 +1,7 @@
 """The command line as a whole: help, words that no command takes, completion, progress."""
 
 import fcntl
+import json
 import os
 from pathlib import Path
 import pty
@@ -359,6 +360,12 @@ def test_the_time_left_is_that_of_the_whole_pace(monkeypatch: pytest.MonkeyPatch
         now[0] = at
         progress(done)
     assert progress.told() == '20/110, 1:20, 3:00 left'
+
+
+def test_json_has_no_number_that_json_lacks(capsys: pytest.CaptureFixture[str]) -> None:
+    terminal.print_json({'ate_m': float('nan'), 'pairs': [(1, float('inf'))], 'name': 'Größe'})
+    text = capsys.readouterr().out
+    assert json.loads(text) == {'ate_m': None, 'pairs': [[1, None]], 'name': 'Größe'}
 
 
 def test_no_line_is_wider_than_the_terminal(capsys: pytest.CaptureFixture[str],
