@@ -73,11 +73,6 @@ def path(points_m: Array, frame_id: str, stamp: Time) -> Path:
     return msg
 
 
-def pose_at(T: Array, frame_id: str, stamp: Time) -> PoseStamped:
-    """Return place and heading of a pose (4, 4)."""
-    return goal(T[:2, 3], frame_id, stamp, float(np.arctan2(T[1, 0], T[0, 0])))
-
-
 def goal(xy_m: Any, frame_id: str, stamp: Time, heading_rad: float = 0.0) -> PoseStamped:
     """Return a place as a pose."""
     pose = PoseStamped(header=Header(stamp=stamp, frame_id=frame_id))

@@ -11,7 +11,7 @@ from typing import Any
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 
-from lunar_rover_sim.autonomy.navigation.navigator import NavigatorCommand
+from lunar_rover_sim.autonomy.navigation.command import NavigatorCommand
 from lunar_rover_sim.nodes.node_main import GraphNode
 
 _NAME = 'navigate_to_pose'

@@ -13,9 +13,10 @@ from nav_msgs.msg import OccupancyGrid, Path
 import numpy as np
 from std_msgs.msg import Header
 
+from lunar_rover_sim.autonomy.navigation.command import NavigatorCommand, Status
 from lunar_rover_sim.autonomy.navigation.config import SLAM, TraversabilityConfig
 from lunar_rover_sim.autonomy.navigation.from_orbit import CostsFromOrbit
-from lunar_rover_sim.autonomy.navigation.navigator import Navigator, NavigatorCommand, Status
+from lunar_rover_sim.autonomy.navigation.navigator import Navigator
 from lunar_rover_sim.autonomy.navigation.planner import Plan
 from lunar_rover_sim.autonomy.navigation.poses import JUMP_M
 from lunar_rover_sim.autonomy.navigation.traversability import Limits, Traversability
@@ -277,10 +278,10 @@ class NavigatorNode(node_main.GraphNode):
                 self.get_logger().warning(f'gave up at {now_ns / 1e9:.2f} s: {command.reason}')
         self._tell_way(T, now_ns)
         if self._action is not None:
-            left_m = self._navigator.left_m(T[:3, 3])
+            left_m, heading_rad = self._navigator.left_m(T[:3, 3]), math.atan2(T[1, 0], T[0, 0])
             self._action.tell(Progress(
-                command, now_ns, map_conversions.pose_at(T, frame_id, stamp), left_m,
-                left_m / self._config.speed_mps, self._navigator.backed_off))
+                command, now_ns, map_conversions.goal(T[:2, 3], frame_id, stamp, heading_rad),
+                left_m, left_m / self._config.speed_mps, self._navigator.backed_off))
         if command.status.is_end and not self._is_done:
             self._is_done = True
             if (end_ns := self._config.end_ns(now_ns)) > 0:

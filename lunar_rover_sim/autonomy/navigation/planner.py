@@ -16,7 +16,9 @@ from lunar_rover_sim.autonomy.navigation.config import PlanConfig
 from lunar_rover_sim.autonomy.navigation.overview import Overview, WALL_COST
 from lunar_rover_sim.autonomy.navigation.traversability import LETHAL, Traversability, UNKNOWN
 from lunar_rover_sim.base.frames import Array, path_length
+from lunar_rover_sim.base.seconds import NS_PER_S
 
+REMEMBERED_NS = 180 * NS_PER_S     # a bump, or a shadow that was looked at
 _SHADOW_COST = 3.0      # of a shadow that the rover creeps over
 _ESCAPE = 20.0          # cost of ground that is too near to an obstacle while the rover leaves it
 _SMOOTH_CELLS = 2.5

@@ -26,7 +26,7 @@ from lunar_rover_sim.base.errors import ConfigError, one_line
 from lunar_rover_sim.base.files.atomic import atomic_write
 
 _PACKAGE = 'lunar_rover_sim.'
-_FORMAT = 1     # grows with every change of what states hold
+_FORMAT = 2     # grows with every change of what states hold
 _SEQUENCES: dict[str, type] = {'list': list, 'tuple': tuple, 'set': set, 'frozenset': frozenset}
 
 

@@ -20,9 +20,10 @@ from matplotlib.figure import Figure
 import mujoco
 import numpy as np
 
+from lunar_rover_sim.autonomy.navigation.command import Failure, Status
 from lunar_rover_sim.autonomy.navigation.config import MapConfig, TRUTH
 from lunar_rover_sim.autonomy.navigation.elevation_map import ElevationMap
-from lunar_rover_sim.autonomy.navigation.navigator import Failure, Navigator, Status
+from lunar_rover_sim.autonomy.navigation.navigator import Navigator
 from lunar_rover_sim.autonomy.navigation.planner import Planner
 from lunar_rover_sim.autonomy.navigation.traversability import (belly_clearance_m, Limits,
                                                                 traversability, Traversability)

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from lunar_rover_sim.autonomy.navigation.command import Failure, Status
 from lunar_rover_sim.autonomy.navigation.config import GlobalPlanConfig, NavigatorConfig
 from lunar_rover_sim.autonomy.navigation.global_plan import GlobalPlan, GroundCosts
-from lunar_rover_sim.autonomy.navigation.navigator import Failure, Navigator, Status
+from lunar_rover_sim.autonomy.navigation.navigator import Navigator
 from lunar_rover_sim.autonomy.navigation.traversability import Traversability
 from lunar_rover_sim.base.errors import NavigationError
 from lunar_rover_sim.base.frames import wxyz_from_rpy

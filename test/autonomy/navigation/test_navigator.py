@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from lunar_rover_sim.autonomy.navigation.command import Failure, Status
 from lunar_rover_sim.autonomy.navigation.config import NavigatorConfig
-from lunar_rover_sim.autonomy.navigation.navigator import Failure, Navigator, Status
+from lunar_rover_sim.autonomy.navigation.navigator import Navigator
 from lunar_rover_sim.autonomy.navigation.planner import Planner
 from lunar_rover_sim.autonomy.navigation.traversability import Traversability
 from lunar_rover_sim.base.errors import NavigationError

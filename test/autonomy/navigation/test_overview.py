@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from lunar_rover_sim.autonomy.navigation.command import Status
 from lunar_rover_sim.autonomy.navigation.config import NavigatorConfig, PlanConfig
-from lunar_rover_sim.autonomy.navigation.navigator import Navigator, Status
+from lunar_rover_sim.autonomy.navigation.navigator import Navigator
 from lunar_rover_sim.autonomy.navigation.overview import Overview, WALL_COST
 from lunar_rover_sim.autonomy.navigation.planner import Planner
 from lunar_rover_sim.autonomy.navigation.traversability import Traversability

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from lunar_rover_sim.autonomy.navigation.command import Failure, Status
 from lunar_rover_sim.autonomy.navigation.config import (MapConfig, NavigatorConfig,
                                                         TraversabilityConfig)
 from lunar_rover_sim.autonomy.navigation.elevation_map import ElevationMap
-from lunar_rover_sim.autonomy.navigation.navigator import Failure, Navigator, Status
+from lunar_rover_sim.autonomy.navigation.navigator import Navigator
 from lunar_rover_sim.autonomy.navigation.traversability import (LETHAL, Limits, traversability,
                                                                 UNKNOWN)
 from lunar_rover_sim.base.frames import matrix_from_wxyz, R_BODY_OPTICAL, se3, wxyz_from_rpy

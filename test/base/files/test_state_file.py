@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lunar_rover_sim.autonomy.navigation.navigator import NavigatorCommand, Status
+from lunar_rover_sim.autonomy.navigation.command import NavigatorCommand, Status
 from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.state_file import (attributes, load_state, restore_attributes,
                                                    save_state)
@@ -53,8 +53,8 @@ def test_code_is_neither_written_nor_read(tmp_path):
     with pytest.raises(TypeError, match='cannot be a part of a state'):
         save_state(tmp_path / 'a.npz', np.array([print]))
     assert not list(tmp_path.iterdir())
-    for number, objects, match in ((1, [['object', ['os:system', {}]]], 'no module of'),
-                                   (7, [], 'format 7 is not valid; valid is 1')):
+    for number, objects, match in ((2, [['object', ['os:system', {}]]], 'no module of'),
+                                   (7, [], 'format 7 is not valid; valid is 2')):
         tree = json.dumps({'format': number, 'objects': objects, 'root': [0]}).encode()
         np.savez(tmp_path / 'b.npz', tree=np.frombuffer(tree, np.uint8))
         with pytest.raises(ConfigError, match=match):
