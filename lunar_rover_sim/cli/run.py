@@ -22,12 +22,12 @@ from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.products.inspection.summary import summarise
 from lunar_rover_sim.run.live_view import ViewProcess
 from lunar_rover_sim.run.node_config import VIEW_PORT
-from lunar_rover_sim.run.plan import (check_places, check_scenario, navigated_duration_s,
-                                      with_navigator, with_policy, with_route, with_slam,
-                                      without_node)
 from lunar_rover_sim.run.recording import record, Recording, unfinished_run
 from lunar_rover_sim.run.ros_domain import require_ros
 from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.run.scenario_checks import check_places, check_scenario
+from lunar_rover_sim.run.scenario_options import (navigated_duration_s, with_navigator,
+                                                  with_policy, with_route, with_slam, without_node)
 from lunar_rover_sim.run.shared_config import REAL_TIME
 
 _SHAPES = tuple(shape for shape in SHAPES if shape != 'none')

@@ -24,12 +24,14 @@ from lunar_rover_sim.run.dated_sun import dated_sun
 from lunar_rover_sim.run.lockstep import machine_slowness, STARTED_NS
 from lunar_rover_sim.run.node_config import ALL
 from lunar_rover_sim.run.node_processes import Looks, NodeLogs, NodeProcesses
-from lunar_rover_sim.run.plan import (awaits_others, check_scenario, prepare, resolve, ROVER_FILE,
-                                      SCENARIO_FILE, why_no_checkpoints, WORLD_LINK)
+from lunar_rover_sim.run.plan import (prepare, resolve, ROVER_FILE, SCENARIO_FILE,
+                                      why_no_checkpoints, WORLD_LINK)
 from lunar_rover_sim.run.publication import misspelt_exclusions, silent_topics, unrecorded_cameras
 from lunar_rover_sim.run.ros_domain import (check_domain, ClockReader, OwnDomain, require_ros,
                                             shell_domain)
 from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.run.scenario_checks import check_scenario
+from lunar_rover_sim.run.waits import awaits_others
 
 _POLL_S = 0.1
 # physics_node names the participant that it waits for before the supervisor names physics_node. It

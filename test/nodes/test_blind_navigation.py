@@ -9,9 +9,9 @@ import pytest
 
 from lunar_rover_sim.bag.messages import header_ns, pose_matrix
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.run.plan import with_navigator
 from lunar_rover_sim.run.recording import record
 from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.run.scenario_options import with_navigator
 
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy')

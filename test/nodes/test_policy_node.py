@@ -27,9 +27,9 @@ from lunar_rover_sim.base.errors import LearningError, LunarRoverSimError  # noq
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 from lunar_rover_sim.nodes.policy_node import PolicyNode  # noqa: E402
 from lunar_rover_sim.rover.description import load_rover  # noqa: E402
-from lunar_rover_sim.run.plan import with_policy  # noqa: E402
 from lunar_rover_sim.run.recording import record  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
+from lunar_rover_sim.run.scenario_options import with_policy  # noqa: E402
 
 TIMEOUT_S = 0.2
 

@@ -6,10 +6,11 @@ import pytest
 from lunar_rover_sim.base import topics
 from lunar_rover_sim.base.errors import ConfigError, WorldError
 from lunar_rover_sim.run.lockstep import StampGate, WrittenStamps
-from lunar_rover_sim.run.plan import resolve, with_slam
+from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.publication import (is_recorded, misspelt_exclusions, period_ns,
                                              silent_topics, unrecorded_cameras)
 from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.run.scenario_options import with_slam
 
 HAZARD = {'render_node.hazard.front.rate_hz': 5, 'render_node.hazard.rear.stereo_baseline_m': 0.1}
 

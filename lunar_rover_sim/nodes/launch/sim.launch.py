@@ -25,8 +25,9 @@ from lunar_rover_sim.base.errors import ConfigError
 from lunar_rover_sim.base.files.paths import BAG_FOLDER, check_new_folder
 from lunar_rover_sim.run.ending import DONE, Ending
 from lunar_rover_sim.run.plan import (check_launch_arguments, LOG_FOLDER, prepare, resolve,
-                                      SCENARIO_FILE, with_slam)
+                                      SCENARIO_FILE)
 from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.run.scenario_options import with_slam
 
 _ARGUMENTS = {
     'scenario': ('baseline', 'name of a packaged scenario, or a YAML file', None),
