@@ -1,4 +1,4 @@
-"""`lunar_rover_sim world export`: a world as a mesh file, maps or an OpenUSD stage."""
+"""`lunar_rover_sim world export`: a world as a mesh file, an OpenUSD stage or maps from orbit."""
 
 from __future__ import annotations
 
@@ -17,9 +17,6 @@ from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.ground.regolith.patch import changed_patch, save_patch
 from lunar_rover_sim.ground.world.export import write as write_mesh
-from lunar_rover_sim.ground.world.model import World
-from lunar_rover_sim.ground.world.orbital import (HEIGHTS, OrbitalErrors, PHOTO, SUFFIXES,
-                                                  write_features, write_map)
 from lunar_rover_sim.ground.world.orbital_making import orbital_map
 from lunar_rover_sim.ground.world.orbital_map import OrbitalConfig
 from lunar_rover_sim.ground.world.world_folder import load_world
@@ -30,15 +27,15 @@ from lunar_rover_sim.run.scenario import Scenario
 
 _PLACE = re.compile(r'[-+.\deE]+,[-+.\deE]+')
 _ORBITAL = 'orbital.'
+_OF_MAPS = '.tif', '.tiff', '.geojson'
 _OF_ORBITAL = ('folder', 'output', 'overwrite', 'orbital', 'overrides', 'sun')
 
 
 @options.command()
 @options.argument('folder', 'world folder (default with --at: the world of the recording)',
                   required=False, type=options.PATH, metavar='[FOLDER]')
-@options.output(check_path, 'PATH', 'file whose suffix says the format: .glb, .obj, .ply; .tif, '
-                '.geojson; .usd, .usda, .usdc, .usdz; with --at BAG .npz, the tracks; with '
-                '--orbital a folder')
+@options.output(check_path, 'PATH', 'file whose suffix says the format: .glb, .obj, .ply; .usd, '
+                '.usda, .usdc, .usdz; with --at BAG .npz, the tracks; with --orbital a folder')
 @options.overwrite()
 @click.option('--orbital', is_flag=True, help='all that an orbiter knows, with its errors: '
               'heights.tif, photo.tif under --sun, craters.geojson, orbital.json')
@@ -52,30 +49,17 @@ _OF_ORBITAL = ('folder', 'output', 'overwrite', 'orbital', 'overrides', 'sun')
               'a recording, the one in which the rover was, with its tracks in a mesh file')
 @click.option('--time', type=float, metavar='S', help='mesh file: simulated time of these tracks '
               '[s] (default: the end)')
-@options.bounded('--resolution', 0.001, unit='m', default=1.0, metavar='M',
-                 help='map: side of a pixel of .tif')
-@click.option('--photo', is_flag=True, help='map: an orthophoto, lit by --sun, in place of '
-              'heights')
-@options.bounded('--height-error', 0.0, 1000.0, unit='m', default=0.0, metavar='M',
-                 help='map: standard deviation of the heights')
-@options.bounded('--shift-error', 0.0, 1e5, unit='m', default=0.0, metavar='M',
-                 help='map: standard deviation of the shift of the whole map')
-@options.bounded('--noise', 0.0, 1.0, default=0.0, help='map: standard deviation of the '
-                 'brightness of a photo, of full scale')
-@options.bounded('--error-seed', 0, kind=int, default=1, help='map: seed of these errors')
 @options.scenario_option('stage: where sun, reflectance, gravity and friction are from (default: '
                          'their defaults)')
-@options.sun('stage, photo: ')
+@options.sun('stage, --orbital: ')
 @click.option('--name', metavar='NAME', help='stage: of the default prim (default: World)')
 @click.option('--no-surroundings', is_flag=True,
               help='stage: leave the coarse levels and distant rocks out')
 def export(folder: Path | None, output: Path, overwrite: bool, orbital: bool,
            overrides: list[str], stride: int, no_rocks: bool, surroundings: bool,
-           at: str | None, time: float | None, resolution: float, photo: bool,
-           height_error: float, shift_error: float, noise: float, error_seed: int,
-           scenario: str | None, sun: tuple[float, float] | None, name: str | None,
-           no_surroundings: bool) -> int:
-    """Write a mesh file (GLB, OBJ, PLY), a map (GeoTIFF, GeoJSON) or an OpenUSD stage.
+           at: str | None, time: float | None, scenario: str | None,
+           sun: tuple[float, float] | None, name: str | None, no_surroundings: bool) -> int:
+    """Write a mesh file (GLB, OBJ, PLY) or an OpenUSD stage.
 
     Or the tracks of a recording (mesh or NPZ), or with --orbital a folder of maps.
     """
@@ -94,14 +78,9 @@ def export(folder: Path | None, output: Path, overwrite: bool, orbital: bool,
         place = options.place(at, '--at')
     elif at is not None:
         bag = Path(at)
-    if output.suffix.lower() in SUFFIXES:
-        if folder is None or bag is not None:
-            raise ConfigError(f'export: {output.name} needs the folder of a world, without --at '
-                              'BAG')
-        options.refuse_existing(output, overwrite)
-        _export_map(options.window_of(folder, place), output, resolution, photo, sun,
-                    OrbitalErrors(height_error, shift_error, noise, error_seed))
-        return 0
+    if output.suffix.lower() in _OF_MAPS:
+        raise ConfigError(f'--output: {output} is not valid; valid is a folder, with --orbital, '
+                          'for maps')
     of_stage = {'--scenario': scenario, '--sun': sun, '--name': name,
                 '--no-surroundings': no_surroundings}
     of_mesh = {'--stride': stride, '--no-rocks': no_rocks, '--surroundings': surroundings}
@@ -146,7 +125,7 @@ def _check_orbital(folder: Path | None, output: Path) -> None:
                               f'{_ORBITAL}PARAM=VALUE')
     if folder is None:
         raise ConfigError('export: --orbital needs the folder of a world')
-    if output.suffix.lower() in SUFFIXES:
+    if output.suffix.lower() in _OF_MAPS:
         raise ConfigError(f'--output: {output} is not valid with --orbital, which writes a '
                           'folder; valid is a name without such a suffix')
 
@@ -170,17 +149,6 @@ def _export_orbital(folder: Path, output: Path, overrides: list[str],
     photo = f', photo at {config.photo_pixel_m:g} m' if config.photo_pixel_m else ''
     say(f'{output}: x {west:g} to {east:g} m, y {south:g} to {north:g} m; heights at '
         f'{made.pixel_m:g} m{photo}, {len(made.craters)} craters')
-
-
-def _export_map(world: World, output: Path, resolution_m: float, photo: bool,
-                sun: tuple[float, float] | None, errors: OrbitalErrors) -> None:
-    """Write heights, a photo, or rocks and craters."""
-    if output.suffix.lower() == '.geojson':
-        say(f'{output}: {write_features(world, output)} rocks and craters')
-        return
-    light = options.checked_sun(sun) if sun is not None else (60.0, 6.0)
-    write_map(world, output, resolution_m, PHOTO if photo else HEIGHTS, errors, light)
-    say(f'{output}: {output.stat().st_size / 1e6:.2f} MB')
 
 
 def _export_stage(folder: Path, at: tuple[float, float] | None, output: Path,
