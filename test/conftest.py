@@ -54,6 +54,14 @@ def simulate(folder: Path, *arguments: str, scenario: str = 'baseline',
                           capture_output=True, text=True, timeout=timeout_s)
 
 
+def start_run(folder: Path, duration_s: int, *arguments: str) -> subprocess.Popen[str]:
+    """Start a small run of `baseline` in the background."""
+    settings = [word for setting in (*SMALL, *TINY, *PLAIN, *RIGID) for word in ('--set', setting)]
+    return subprocess.Popen(
+        command('run', 'baseline', '-o', str(folder), '--duration', str(duration_s), *settings,
+                *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
 def processes_naming(*words: str) -> list[int]:
     """Return the ids of other processes with all these words in their command line."""
     return sorted(process.pid for process in psutil.process_iter(['cmdline'])

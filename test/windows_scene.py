@@ -30,7 +30,7 @@ def grid(middle_m: tuple[float, float], half_m: float) -> HeightGrid:
                       middle_m)
 
 
-def shape() -> RockShape:
+def octahedron() -> RockShape:
     """Return an octahedron of unit size."""
     vertices = 0.5 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1],
                                [0, 0, -1]], np.float32)
@@ -61,7 +61,7 @@ def window(middle_m: tuple[float, float], half_m: float, around: tuple[float, fl
                   (1000 + 7 * order).astype(np.uint64))
     craters = Craters(np.array(around) + rng.uniform(-3.0, 3.0, (9, 2)), rng.uniform(0.6, 4.0, 9),
                       rng.uniform(0.0, 0.3, 9), np.zeros(9, np.int32))
-    world = make_world(ground.heights_m, CELL_M, rocks, (shape(),))
+    world = make_world(ground.heights_m, CELL_M, rocks, (octahedron(),))
     return dataclasses.replace(world, levels=(ground,), craters=craters)
 
 

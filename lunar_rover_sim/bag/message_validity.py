@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 import math
 from operator import attrgetter
 from typing import Any
@@ -62,7 +62,8 @@ class FiniteCheck:
         scalars: list[str] = []
         arrays: list[str] = []
         sequences: list[tuple[str, str]] = []
-        for name, (kind, detail) in _fields(self._typestore, msgtype):
+        fields: Any = self._typestore.fielddefs[msgtype][1]
+        for name, (kind, detail) in fields:
             path = prefix + name
             if name in _MAY_BE_UNKNOWN.get(msgtype, ()):
                 continue
@@ -81,11 +82,6 @@ class FiniteCheck:
                 elif element[0] in _FLOATS:
                     arrays.append(path)
         return scalars, arrays, sequences
-
-
-def _fields(typestore: Typestore, msgtype: str) -> Iterable[tuple[str, Any]]:
-    fields: Any = typestore.fielddefs[msgtype][1]
-    return fields
 
 
 def _get(message: Any, path: str) -> Any:

@@ -87,11 +87,6 @@ def twist_of(msg: Odometry) -> tuple[Array, Array]:
     return twist
 
 
-def velocity_of(msg: Twist) -> tuple[float, float]:
-    """Return the forward velocity [m/s] and the yaw rate [rad/s] of a velocity command."""
-    return msg.linear.x, msg.angular.z
-
-
 def twist(forward_mps: float, yaw_rate_radps: float) -> Twist:
     """Return a velocity command: forward velocity [m/s] and yaw rate [rad/s, left positive]."""
     msg = Twist()

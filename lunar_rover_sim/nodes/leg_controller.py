@@ -164,7 +164,7 @@ class LegControllerNode(node_main.GraphNode, abc.ABC):
     def _set_velocity(self, twist: Twist, command_ns: int | None = None) -> None:
         # Outside lockstep a command counts from the newest state.
         command_ns = self._now_ns if command_ns is None else command_ns
-        forward_mps, yaw_rate_radps = conversions.velocity_of(twist)
+        forward_mps, yaw_rate_radps = twist.linear.x, twist.angular.z
         try:
             self._controller.set_velocity(forward_mps, yaw_rate_radps, command_ns)
         except GaitError:

@@ -82,7 +82,9 @@ def _check_given(given: MoonPlace, world: WorldConfig, used: World | None) -> No
     place = given.lon_deg, given.lat_deg
     try:
         if used is not None:
-            there = _site_in_world(used, place)
+            # Here, because rasterio takes time to import, and most runs need none of it.
+            from lunar_rover_sim.ground.world.map_projection import site_in_world
+            there = site_in_world(used, *place)
         # A recorded scenario may be read where its elevation model is not.
         elif world.source == DEM and user_path(world.path, 'path').exists():
             there = _dem_site(world, place)
@@ -100,12 +102,6 @@ def _check_given(given: MoonPlace, world: WorldConfig, used: World | None) -> No
             f'{world.path if used is None else "the world"} says for longitude '
             f'{given.lon_deg:g}, latitude {given.lat_deg:g}; or set '
             'render_node.sun.site.source=world')
-
-
-def _site_in_world(world: World, lon_lat_deg: tuple[float, float]) -> MoonPlace | None:
-    # Here, because rasterio takes time to import, and most runs need none of it.
-    from lunar_rover_sim.ground.world.map_projection import site_in_world
-    return site_in_world(world, *lon_lat_deg)
 
 
 def _dem_site(world: WorldConfig,

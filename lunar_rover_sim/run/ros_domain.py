@@ -106,7 +106,7 @@ def check_domain(domain: int, topics: Sequence[str], join: bool = False) -> None
                          f'{limit_s:.3g} s') from None
     if found.returncode not in (0, -signal.SIGALRM):    # the latter: it could not leave the graph
         raise GraphError(f'--domain {domain}: who publishes there could not be found out: '
-                         f'{_last_line(found.stderr)}')
+                         + (found.stderr.strip().splitlines() or [_NO_WORDS])[-1])
     # Fast DDS writes its own messages to standard output too.
     answers = [words for words in map(str.split, found.stdout.splitlines())
                if len(words) == 2 and words[0] in topics]
@@ -116,11 +116,6 @@ def check_domain(domain: int, topics: Sequence[str], join: bool = False) -> None
                          + ('stop it, or choose another domain' if join
                             else 'take part in its graph with --join, or choose another domain'
                             if topic in _SHARED else 'choose another domain, or leave it out'))
-
-
-def _last_line(text: str) -> str:
-    lines = text.strip().splitlines()
-    return lines[-1] if lines else _NO_WORDS
 
 
 class ClockReader(Closing):

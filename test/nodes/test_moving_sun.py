@@ -8,7 +8,7 @@ from typing import Any
 
 from conftest import PLAIN, SMALL
 import numpy as np
-from physics_scene import make_world, simulate, trot
+from physics_scene import make_world, same, simulate, trot
 import pytest
 from waiting import LIMIT_S, wait_until
 
@@ -153,12 +153,6 @@ class Bus:
                             qos: Any, raw: bool) -> None:
         """Call back with serialised messages."""
         self.readers.setdefault(topic, []).append(callback)
-
-
-def same(one: Any, other: Any) -> bool:
-    """Return whether two snapshots are equal, samples at 0 left aside."""
-    return all(np.array_equal(getattr(one, name), getattr(other, name))
-               for name in ('index', 'height_m', 'compaction_m'))
 
 
 def test_a_restart_takes_the_ground_back_for_readers_too() -> None:

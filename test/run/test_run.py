@@ -4,10 +4,9 @@ import os
 from pathlib import Path
 import re
 import signal
-import subprocess
 
 from command_line import unfolded
-from conftest import BLIND, command, PLAIN, processes_naming, RIGID, simulate, SMALL, TINY
+from conftest import BLIND, processes_naming, simulate, start_run
 import psutil
 import pytest
 from waiting import LIMIT_S, wait_until
@@ -25,14 +24,6 @@ from lunar_rover_sim.run.recording import Limits
 from lunar_rover_sim.run.scenario import Scenario
 
 pytestmark = pytest.mark.ros
-
-
-def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
-    """Start a small run of a minute in the background."""
-    settings = [word for setting in (*SMALL, *TINY, *PLAIN, *RIGID) for word in ('--set', setting)]
-    return subprocess.Popen(
-        command('run', 'baseline', '-o', str(folder), '--duration', '60', *settings, *arguments),
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def without_progress(stderr: str) -> list[str]:
@@ -67,7 +58,7 @@ def readable_bag(folder: Path) -> Path:
 def test_a_killed_node_ends_the_run(tmp_path: Path) -> None:
     """At once, with one line that names it; the bag up to there can be read."""
     folder = tmp_path / 'run'
-    run = start(folder, *BLIND)
+    run = start_run(folder, 60, *BLIND)
     wait_for_recording(folder)
     os.kill(process_of(folder, 'recorder_node'), signal.SIGKILL)
     stderr = unfolded(run.communicate(timeout=LIMIT_S)[1])
@@ -94,7 +85,7 @@ def test_a_suspended_recorder_finishes_its_bag(tmp_path: Path, domain: int) -> N
 def test_a_killed_run_takes_its_nodes_along(tmp_path: Path) -> None:
     """After SIGKILL of the run no process of it goes on, and the bag can be read."""
     folder = tmp_path / 'run'
-    run = start(folder, *BLIND)
+    run = start_run(folder, 60, *BLIND)
     wait_for_recording(folder)
     nodes = [process_of(folder, name) for name in ('physics_node', 'drive_node',
                                                    'recorder_node')]
@@ -111,7 +102,7 @@ def test_a_killed_run_takes_its_nodes_along(tmp_path: Path) -> None:
 def test_a_second_signal_leaves_nothing_behind(tmp_path: Path) -> None:
     """A run that gets a second signal while it stops its nodes ends with all of them."""
     folder = tmp_path / 'run'
-    run = start(folder, *BLIND)
+    run = start_run(folder, 60, *BLIND)
     wait_for_recording(folder)
     first, *nodes = (process_of(folder, name) for name in (
         'drive_node', 'physics_node', 'recorder_node'))
@@ -133,7 +124,7 @@ def wait_until_gone(process: int) -> None:
 def test_a_stopped_node_is_named(tmp_path: Path) -> None:
     """A node that stays silent ends the run with its name."""
     folder = tmp_path / 'run'
-    run = start(folder, *BLIND, '--set', 'physics_node.wait.silence_s=3.0')
+    run = start_run(folder, 60, *BLIND, '--set', 'physics_node.wait.silence_s=3.0')
     wait_for_recording(folder)
     os.kill(process_of(folder, 'gait_controller_node'), signal.SIGSTOP)
     stderr = unfolded(run.communicate(timeout=LIMIT_S)[1])
@@ -170,7 +161,7 @@ def test_nodes_that_load_for_longer_than_the_limit_of_a_start_take_part(tmp_path
 def test_physics_stopped_while_the_nodes_start(tmp_path: Path) -> None:
     """It is not given the time that a slow start is given."""
     folder = tmp_path / 'run'
-    run = start(folder, *BLIND, '--set', 'physics_node.wait.silence_s=3.0')
+    run = start_run(folder, 60, *BLIND, '--set', 'physics_node.wait.silence_s=3.0')
     os.kill(process_of(folder, 'physics_node'), signal.SIGSTOP)
     stderr = unfolded(run.communicate(timeout=LIMIT_S)[1])
     assert run.returncode == 1
@@ -183,7 +174,8 @@ def test_divergence_in_the_drive_ends_the_run(tmp_path: Path) -> None:
     motors = ('rover.motor.velocity_gain_nms=5.0', 'rover.motor.current_limit_a=1.0e3',
               'rover.motor.stall_torque_nm=1000.0', 'physics_node.integrator=euler',
               'drive_node.start_delay_s=1.0')
-    run = start(folder, *BLIND, *(word for setting in motors for word in ('--set', setting)))
+    run = start_run(folder, 60, *BLIND,
+                    *(word for setting in motors for word in ('--set', setting)))
     stderr = unfolded(run.communicate(timeout=LIMIT_S)[1])
     assert run.returncode == 1
     assert len(without_progress(stderr)) == 1
@@ -208,7 +200,7 @@ def test_a_drive_that_is_done_ends_the_run(tmp_path: Path, settings: list[str], 
     folder = tmp_path / 'run'
     words = ['drive_node.mode=waypoints', 'drive_node.shape=none', 'drive_node.end_after_s=1.0',
              'drive_node.start_delay_s=0.0', *settings]
-    run = start(folder, *(word for setting in words for word in ('--set', setting)))
+    run = start_run(folder, 60, *(word for setting in words for word in ('--set', setting)))
     stderr = unfolded(run.communicate(timeout=LIMIT_S)[1])
     assert run.returncode == 0, stderr
     assert not check(folder / 'bag').failed
@@ -219,7 +211,7 @@ def test_a_drive_that_is_done_ends_the_run(tmp_path: Path, settings: list[str], 
 def test_interrupt_finishes_the_bag(tmp_path: Path) -> None:
     """Ctrl-C: the nodes stop in order, the bag is whole up to there and marked as short."""
     folder = tmp_path / 'run'
-    run = start(folder)
+    run = start_run(folder, 60)
     wait_for_recording(folder)
     run.send_signal(signal.SIGINT)
     stdout, stderr = run.communicate(timeout=LIMIT_S)
@@ -240,9 +232,9 @@ def test_existing_output_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 def test_a_topic_that_nobody_publishes_is_named(tmp_path: Path) -> None:
     """An empty bag is an error."""
-    run = start(tmp_path / 'run', '--duration', '0.2', '--set',
-                'run.nodes=[physics_node, recorder_node]', '--set',
-                'recorder_node.topics=[odomm]')
+    run = start_run(tmp_path / 'run', 60, '--duration', '0.2', '--set',
+                    'run.nodes=[physics_node, recorder_node]', '--set',
+                    'recorder_node.topics=[odomm]')
     stderr = unfolded(run.communicate(timeout=LIMIT_S)[1])
     assert run.returncode == 1
     assert 'recorder_node.topics: odomm: nobody published, did you mean odom?: the bag is empty' \

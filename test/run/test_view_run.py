@@ -8,7 +8,7 @@ import struct
 import subprocess
 
 from command_line import unfolded
-from conftest import BLIND, command, PLAIN, processes_naming, RIGID, SMALL, TINY
+from conftest import BLIND, processes_naming, start_run
 import pytest
 from waiting import LIMIT_S
 
@@ -26,15 +26,6 @@ pytestmark = pytest.mark.ros
 WATCHED = (topics.LEFT_IMAGE, topics.ODOM, topics.JOINT_STATES)
 # Longer than a client takes to find the topics and a node to hear that they are read.
 DURATION_S = 4
-
-
-def start(folder: Path, port: int, *arguments: str) -> subprocess.Popen[str]:
-    """Start a small run with a live view in the background."""
-    settings = [word for setting in (*SMALL, *TINY, *PLAIN, *RIGID) for word in ('--set', setting)]
-    return subprocess.Popen(
-        command('run', 'baseline', '-o', str(folder), '--duration', str(DURATION_S), '--view',
-                str(port), *settings, *arguments),
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def finished(run: subprocess.Popen[str], folder: Path, port: int, missing: int = 0) -> str:
@@ -57,7 +48,7 @@ def test_what_is_watched_arrives_while_the_run_goes_on(world_folder: Path,
                                                        tmp_path: Path) -> None:
     """Images, odometry and joint states, with the stamps and the content of the bag."""
     folder, port = tmp_path / 'run', free_port()
-    run = start(folder, port)
+    run = start_run(folder, DURATION_S, '--view', str(port))
     got = {}
     with client(port) as viewer:
         for number, topic in enumerate(WATCHED):
@@ -81,7 +72,7 @@ def test_a_run_goes_on_without_its_view(world_folder: Path, tmp_path: Path) -> N
     """It names the view that was killed, once. Another page has not driven it before."""
     folder, port = tmp_path / 'run', free_port()
     # In real time a run without images lasts as long as its drive.
-    run = start(folder, port, *BLIND, '--teleop')
+    run = start_run(folder, DURATION_S, '--view', str(port), *BLIND, '--teleop')
     with client(port) as viewer:
         viewer.subscribe('/odom')
         viewer.message()

@@ -164,8 +164,8 @@ class Builder:
     def _height_of_origin(self) -> float:
         """Return the height of the origin over the source's reference."""
         if self._origin_m is None:
-            self._origin_m = float(on_lattice(self._terrain.height_at_origin(),
-                                              height_step_m(self.config.cell_m)))
+            height = float(self._terrain.rectangle(0, (0, 0), (1, 1))[0, 0])
+            self._origin_m = float(on_lattice(height, height_step_m(self.config.cell_m)))
         return self._origin_m
 
     @property

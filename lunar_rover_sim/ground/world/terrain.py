@@ -78,10 +78,6 @@ class Terrain:
             shown.append(self._shown(k, middle_m, chain))
         return shown[::-1]
 
-    def height_at_origin(self) -> float:
-        """Return the height of the finest level at the origin."""
-        return float(self.rectangle(0, (0, 0), (1, 1))[0, 0])
-
     def rectangle(self, k: int, first: tuple[int, int], shape: tuple[int, int]) -> F32:
         """Return the heights of a level on a rectangle of its lattice."""
         chain = self._chain({k: spline.box_of(first, shape, self.cells[k])})

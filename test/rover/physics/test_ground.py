@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from physics_scene import GRAVITY, make_world, rough_heights, simulate
 import pytest
+from windows_scene import octahedron
 
 from lunar_rover_sim.base.errors import ConfigError, PhysicsError
 from lunar_rover_sim.base.frames import matrix_from_wxyz, wxyz_from_rpy
@@ -58,14 +59,6 @@ def test_feet_stand_where_the_drawn_surface_is():
         for touch in data.contact:
             # The contact point lies halfway between the surface and the sunken tip.
             assert touch.pos[2] == pytest.approx(world.height_at(touch.pos[:2]), abs=1.5e-3)
-
-
-def octahedron() -> RockShape:
-    vertices = 0.5 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1],
-                               [0, 0, -1]], dtype=np.float32)
-    faces = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5],
-                      [0, 3, 5]], dtype=np.int32)
-    return RockShape('octahedron', vertices, faces)
 
 
 def rocks_at(positions: list[list[float]], quat: list[float] | None = None) -> Rocks:
