@@ -13,6 +13,7 @@ from lunar_rover_sim.base.seconds import NS_PER_S
 _LASTING_NS = 600_000_000       # a step rocks the body: a tilt that counts lasts longer
 _LET_DOWN_NS = NS_PER_S // 2    # from the time at which it was last up
 _UNDO_SHARE = 0.7               # of the velocity at which it reared up
+_FURTHER_DEG = 8.0              # than where it began to back off: its legs dig in
 _MEAN_S = 2.0                   # a few steps, over which the mean tilt is that of the ground
 
 
@@ -29,8 +30,8 @@ class Rearing:
         Args:
             limit_deg: Tilt that it must not pass.
         """
-        self._limit_deg = limit_deg
-        self.mean_deg = 0.0
+        self._limit_deg = self._bound_deg = limit_deg
+        self.mean_deg = self._tilt_deg = 0.0
         self._is_up = False
         self._noted_ns = self._level_ns = self._until_ns = now_ns
         self._undo = 0.0, 0.0
@@ -39,7 +40,10 @@ class Rearing:
         """Take note of a tilt [deg]."""
         part = 1.0 - math.exp(-(now_ns - self._noted_ns) * 1e-9 / _MEAN_S)
         self.mean_deg += part * (tilt_deg - self.mean_deg)
-        self._noted_ns, self._is_up = now_ns, tilt_deg > self._limit_deg
+        if tilt_deg < self._limit_deg - _FURTHER_DEG:
+            self._bound_deg = self._limit_deg
+        self._tilt_deg = tilt_deg
+        self._noted_ns, self._is_up = now_ns, tilt_deg > self._bound_deg
         if not self._is_up:
             self._level_ns = now_ns
         elif not self.lasts(now_ns):
@@ -61,9 +65,14 @@ class Rearing:
         return now_ns - self._level_ns >= _LASTING_NS
 
     def end(self, now_ns: int) -> None:
-        """Let it down no more, until it has been down: something else is done about it."""
+        """Let it down no more, unless it rises further: something else is done about it.
+
+        On the rim of a crater it is the ground that tilts. Backing off from there was undone, time
+        and again, until the body rolled over.
+        """
         self._until_ns = now_ns
+        self._bound_deg = max(self._limit_deg, self._tilt_deg + _FURTHER_DEG)
 
     def begin_anew(self, now_ns: int) -> None:
-        """Count the time of a tilt from now on."""
-        self._level_ns = now_ns
+        """Count the time of a tilt from now on, against the limit."""
+        self._level_ns, self._bound_deg = now_ns, self._limit_deg

@@ -330,6 +330,36 @@ def test_it_keeps_clear_of_the_rim_of_a_crater_that_it_does_not_see(aside_m):
     assert rover.navigator.backed_off == 1
 
 
+def on_a_rim():
+    """Return a rover that has begun to back off, since the ground tilts it by 32 deg."""
+    rover = made(ground())
+    for k in range(40):
+        rover.roll = np.radians(32.0 if k >= 20 else 0.0)
+        if rover.step().status is Status.BACKING:
+            break
+    return rover
+
+
+def test_backing_off_from_a_rim_is_not_undone():
+    """Steps rock it about the limit: it was let down into the crater, until it rolled over."""
+    rover = on_a_rim()
+    rim, begun = rover.x, len(rover.commands)
+    while rim - rover.x < 0.25 and len(rover.commands) < begun + 60:
+        rover.roll = np.radians(29.0 + 3.0 * np.sin(1.5 * len(rover.commands)))
+        rover.step()
+    assert rim - rover.x >= 0.25
+    assert all(c.forward_mps < 0.0 for c in rover.commands[begun:])
+    rover.roll = 0.1
+    assert rover.drive().status == Status.ARRIVED
+
+
+def test_backing_off_is_undone_where_legs_dig_in_and_the_body_rises_further():
+    rover = on_a_rim()
+    assert rover.step().forward_mps < 0.0
+    rover.roll = np.radians(42.0)
+    assert rover.step().forward_mps > 0.0
+
+
 def test_a_body_that_rocks_is_let_alone():
     rover = made(ground())
     for k in range(100):
