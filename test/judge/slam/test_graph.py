@@ -11,7 +11,7 @@ import synthetic_bag as synthetic
 
 from lunar_rover_sim.base.errors import SlamError
 from lunar_rover_sim.cli.main import execute
-from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate
+from lunar_rover_sim.judge.evaluation.trajectory_evaluation import evaluate, nees_interval
 from lunar_rover_sim.judge.evaluation.trajectory_files import read_trajectory
 from lunar_rover_sim.judge.slam.euroc_reader import Camera
 from lunar_rover_sim.judge.slam.graph import from_bag, odometry, pose_graph
@@ -230,6 +230,46 @@ def test_wheels_that_slip_are_refused_and_counted(steps):
     assert graph.counts.wheels_refused > 5
     result = evaluate(closed_way.truth(steps[:30]), graph.trajectory(), align='origin')
     assert result.ate_m.max < 0.05
+
+
+@needs_gtsam
+def test_wheels_that_slide_aside_all_the_time_are_learnt(steps):
+    """A fifth of the way, which images show for 30 s; then there are none for 30 s."""
+    slide = Rotation.from_euler('Z', 0.2).as_matrix()
+
+    def change(k, step):
+        wheels = step.aids.wheels
+        wheels = Wheels(slide @ wheels.pose, slide @ wheels.covariance @ slide.T)
+        images = {} if k < 30 else {'left': None, 'right': None}
+        return dataclasses.replace(step, aids=dataclasses.replace(step.aids, wheels=wheels),
+                                   **images)
+
+    graph, answers = driven(steps[:60], change=change)
+    truth = closed_way.truth(steps[:60]).positions_m
+    nees = []
+    for answer, true in zip(answers[30:], truth[30:]):
+        assert not answer.seen
+        error = answer.T_map_left[:3, 3] - answers[0].T_map_left[:3, 3] - (true - truth[0])
+        nees.append(error @ np.linalg.solve(answer.covariance[:3, :3], error) / 3.0)
+    assert np.mean(nees) < nees_interval(3).high
+    assert graph.counts.wheels_refused == 0
+
+
+@needs_gtsam
+@pytest.mark.parametrize('by_lamp', [True, False])
+def test_in_the_dark_images_may_be_wrong_about_the_length_of_all_steps(steps, by_lamp):
+    """Shadows go along with a lamp: each step looks longer by 3 %. By day they do not."""
+    def change(k, step):
+        sun = None if by_lamp else step.aids.sun
+        return dataclasses.replace(step, aids=dataclasses.replace(step.aids, sun=sun, wheels=None))
+
+    graph, _ = driven(steps[:35], change=change)
+    truth = closed_way.truth(steps[:35])
+    first_m = truth.positions_m[0]
+    shorter = dataclasses.replace(
+        truth, positions_m=first_m + (truth.positions_m - first_m) / 1.03)
+    nees = evaluate(shorter, graph.trajectory(), align='none').consistency.position
+    assert (nees.per_dof < nees.high) == by_lamp
 
 
 def test_wheels_of_large_covariances_give_no_variance_below_0():

@@ -25,6 +25,7 @@ from lunar_rover_sim.judge.evaluation.trajectory import Stamps, Trajectory, wxyz
 from lunar_rover_sim.judge.slam.euroc_reader import Camera, Image
 from lunar_rover_sim.judge.slam.graph.anchor import Anchor
 from lunar_rover_sim.judge.slam.graph.attitude import Attitude, EXACT
+from lunar_rover_sim.judge.slam.graph.lasting import Course, Shadows
 from lunar_rover_sim.judge.slam.graph.measured import Aids, Wheels
 from lunar_rover_sim.judge.slam.graph.places import evenly_lit, Keyframe, keyframe, Places
 from lunar_rover_sim.judge.slam.graph.pose_graph import (adjoint, composed, difference, fused,
@@ -126,6 +127,7 @@ class GraphOdometry:
         self._graph, self._anchor = PoseGraph(), anchor
         self._places = Places()
         self._attitude = Attitude(gravity_mps2, accel_walk, gyro_walk)
+        self._course, self._shadows = Course(), Shadows()
         self.counts = Counts()
         self._first_key = 0
         self._key = -1                          # of the last keyframe
@@ -171,10 +173,12 @@ class GraphOdometry:
                             'must increase')
         left, right = (image if image is None else evenly_lit(image) for image in (left, right))
         self._attitude.take(aids)
+        if aids.sun is not None:
+            self._shadows.see_sun(stamp_ns)
         self.counts.frames += 1
         if self._key < 0:
             return self._first(stamp_ns, left, right, aids)
-        guess, guess_covariance = self._predicted(stamp_ns, aids.wheels)
+        guess, guess_covariance, ahead_m = self._predicted(stamp_ns, aids.wheels)
         motion = None
         if left is not None and self._keyframe is not None:
             T_left_before = self._T_left_base @ inverse(guess) @ self._T_base_left
@@ -182,7 +186,7 @@ class GraphOdometry:
         news = ''
         if motion is None or self._is_due(motion, left):
             news = self._make_keyframe(stamp_ns, left, right, aids, motion, guess,
-                                       guess_covariance)
+                                       guess_covariance, ahead_m)
             relative, covariance = np.eye(4), np.zeros((6, 6))
             seen = self._seen
         else:
@@ -207,24 +211,32 @@ class GraphOdometry:
         self._frames.append((stamp_ns, 0, np.eye(4), np.zeros((6, 6))))
         return self._located(np.eye(4), np.zeros((6, 6)), True, '')
 
-    def _predicted(self, stamp_ns: int, wheels: Wheels | None) -> tuple[Array, Array]:
-        """Return the pose of the base in the last keyframe without images, and its covariance."""
+    def _predicted(self, stamp_ns: int,
+                   wheels: Wheels | None) -> tuple[Array, Array, float | None]:
+        """Return the pose of the base in the last keyframe without images, and its covariance.
+
+        The third is the way ahead by the wheels [m], None without them.
+        """
         dt = max(1e-3, (stamp_ns - self._stamp_ns) * 1e-9)
         turn = self._attitude.turn(self._stamp_ns, stamp_ns)
         sigma = np.full(6, _MOST_SPEED_MPS * dt)
         sigma[:3] = min(_MOST_RATE_RADPS * dt, math.pi)
+        ahead_m = None
         if wheels is not None and self._wheels is not None:
             T, covariance = rolled(self._wheels, wheels)
         else:
             T, covariance = se3(self._relative[:3, :3], self._relative[:3, 3]), np.diag(sigma**2)
+        # Half of the turn lies before the middle of the way.
+        way = _half(T).inv().apply(T[:3, 3])
+        if wheels is not None and self._wheels is not None:
+            ahead_m = float(way[0])
+            way += self._course.shift(ahead_m)
+            covariance[3:, 3:] += self._course.covariance(ahead_m)
         if turn is not None:
-            # The way is that of the wheels; half of the turn lies before its middle.
-            half = Rotation.from_matrix(T[:3, :3]).inv().as_rotvec() / 2
-            half += Rotation.from_matrix(turn[0]).as_rotvec() / 2
-            T = se3(turn[0], Rotation.from_rotvec(half).apply(T[:3, 3]))
+            T = se3(turn[0], T[:3, 3])
             covariance[:3, :] = covariance[:, :3] = 0.0
             covariance[:3, :3] = turn[1]
-        return T, covariance
+        return se3(T[:3, :3], _half(T).apply(way)), covariance, ahead_m
 
     def _is_due(self, motion: Motion, left: Image | None) -> bool:
         assert left is not None
@@ -256,7 +268,8 @@ class GraphOdometry:
     # Keyframes
 
     def _make_keyframe(self, stamp_ns: int, left: Image | None, right: Image | None, aids: Aids,
-                       motion: Motion | None, guess: Array, guess_covariance: Array) -> str:
+                       motion: Motion | None, guess: Array, guess_covariance: Array,
+                       ahead_m: float | None) -> str:
         new = None
         if left is not None and right is not None:
             new = keyframe(self._camera, left, right)
@@ -274,6 +287,11 @@ class GraphOdometry:
                 self.counts.wheels_refused += 1     # geometry has checked the images
             else:
                 relative, covariance = fused(relative, covariance, guess, guess_covariance)
+                if ahead_m is not None:
+                    self._course.learn(stamp_ns, ahead_m, error[3:], S[3:, 3:])
+            covariance[3:, 3:] += self._by_lamp(stamp_ns, relative)
+        elif ahead_m is not None:
+            self._course.pass_unseen(stamp_ns, ahead_m)
         self.counts.unseen += not self._seen
         before, key = self._key, self._key + 1
         T, P = composed(self._pose, self._covariance, relative, covariance)
@@ -293,6 +311,13 @@ class GraphOdometry:
             news = '; '.join(filter(None, (news, self._look(key, new))))
         return news
 
+    def _by_lamp(self, stamp_ns: int, relative: Array) -> Array:
+        """Return what shadows add to the covariance (3, 3) of a motion, in its axes."""
+        T = self._pose @ relative
+        R = T[:3, :3]
+        return np.asarray(R.T @ self._shadows.covariance(
+            stamp_ns, self._pose[:3, 3], T[:3, 3]) @ R)
+
     def _look(self, key: int, new: Keyframe | None) -> str:
         """Compare the relief with the map from orbit; return what moved."""
         assert self._anchor is not None
@@ -303,6 +328,7 @@ class GraphOdometry:
             return news
         again = self._solve(key, self._pose, self._covariance)
         self._read_back()
+        self._shadows.begin(self._pose[:3, 3])
         return again or news
 
     def _take(self, key: int, stamp_ns: int, new: Keyframe | None, wheels: Wheels | None) -> None:
@@ -418,3 +444,8 @@ class GraphOdometry:
         T = np.array(poses)
         return Trajectory(self.frames_ns, T[:, :3, 3], wxyz(Rotation.from_matrix(T[:, :3, :3])),
                           'graph', np.array(covariances))
+
+
+def _half(T: Array) -> Rotation:
+    """Return half of a turn."""
+    return Rotation.from_rotvec(0.5 * Rotation.from_matrix(T[:3, :3]).as_rotvec())
