@@ -17,13 +17,14 @@ from lunar_rover_sim.autonomy.navigation.command import Failure, NavigatorComman
 from lunar_rover_sim.autonomy.navigation.config import NavigatorConfig
 from lunar_rover_sim.autonomy.navigation.far_goals import CostsAround, FarGoals
 from lunar_rover_sim.autonomy.navigation.global_plan import GlobalPlan
-from lunar_rover_sim.autonomy.navigation.local_plan import ALIGNED_RAD, LocalPlan
+from lunar_rover_sim.autonomy.navigation.local_plan import LocalPlan
 from lunar_rover_sim.autonomy.navigation.looking import Looking
 from lunar_rover_sim.autonomy.navigation.planner import Disc, Ground, Plan
 from lunar_rover_sim.autonomy.navigation.poses import JUMP_M
 from lunar_rover_sim.autonomy.navigation.progress import Progress, STUCK_M
 from lunar_rover_sim.autonomy.navigation.rearing import Rearing
 from lunar_rover_sim.autonomy.navigation.traversability import Traversability
+from lunar_rover_sim.autonomy.navigation.waiting import Waiting
 from lunar_rover_sim.base.errors import brief, NavigationError
 from lunar_rover_sim.base.files.state_file import attributes_but, restore_attributes
 from lunar_rover_sim.base.frames import Array, matrix_from_wxyz, path_length, tilt_deg
@@ -75,7 +76,7 @@ class Navigator:
         self._final: NavigatorCommand | None = None
         self._discs: list[Disc] = []
         self._position: Array | None = None
-        self._seeing_heading: float | None = None       # when the newest depth came
+        self._waiting = Waiting(self._config)
         self._far = FarGoals(self._config.far)
         self._local = LocalPlan(self._config, self._radius_m)
         self._looking = Looking(self._config)
@@ -168,7 +169,7 @@ class Navigator:
         self._backing.stop()
         self._progress = Progress(self._config.stuck_time_s, self._now_ns)
         self._turning_ns: int | None = None
-        self._missing_ns: int | None = None
+        self._waiting.end()
         self._rearing = Rearing(self._config.tilt_limit_deg, self._now_ns)
 
     def update(self, stamp_ns: int, pose_ns: int | None, position_m: ArrayLike,
@@ -208,7 +209,7 @@ class Navigator:
             self._progress.wait(stamp_ns)
             return still(Status.WAITING,
                          f'until start_delay_s {self._config.start_delay_s:g} is over')
-        missing = self._missing_pose(pose_ns, position_m, orientation_wxyz)
+        missing = self._waiting.missing_pose(stamp_ns, pose_ns, position_m, orientation_wxyz)
         if missing is not None:
             return self._wait_for(missing)
         position = np.asarray(position_m, float)
@@ -216,13 +217,13 @@ class Navigator:
         heading = math.atan2(rotation[1, 0], rotation[0, 0])
         tilt = float(tilt_deg(rotation)) if tilt_of_imu_deg is None else tilt_of_imu_deg
         self._rearing.note_tilt(stamp_ns, tilt)
-        missing = self._missing_depth(grid)
+        missing = self._waiting.missing_depth(stamp_ns, grid)
         if missing is not None:
             return self._let_down() or self._wait_for(missing, heading)
-        self._missing_ns = None
+        self._waiting.end()
         assert grid is not None
         if self._local.grid is None or grid.stamp_ns != self._local.grid.stamp_ns:
-            self._seeing_heading = heading
+            self._waiting.note_seeing(heading)
         self._note_place(position)
         self._progress.note_motion(stamp_ns, position, heading)
         if not self._far.is_known:
@@ -288,57 +289,17 @@ class Navigator:
         self._progress.begin_anew(self._now_ns)
         return self._plan_again()
 
-    # What is missing
-
-    def _missing_pose(self, pose_ns: int | None, position: ArrayLike,
-                      orientation: ArrayLike) -> str | None:
-        if pose_ns is None:
-            return 'no pose yet'
-        age_s = (self._now_ns - pose_ns) * 1e-9
-        if age_s > self._config.pose_age_s:
-            return f'no pose for {age_s:.1f} s'
-        if not (np.isfinite(np.asarray(position, float)).all()
-                and np.isfinite(np.asarray(orientation, float)).all()):
-            return 'the pose is not finite'
-        return None
-
-    def _missing_depth(self, grid: Traversability | None) -> str | None:
-        if grid is None:
-            return 'no map yet'
-        age_s = (self._now_ns - grid.stamp_ns) * 1e-9
-        return f'no depth for {age_s:.1f} s' if age_s > self._config.map_age_s else None
-
     def _wait_for(self, missing: str, heading: float | None = None) -> NavigatorCommand:
-        """Stand still; return the command.
-
-        A rover that has turned into the dark turns back to where it saw something. Where there is
-        nothing to be seen any more, or it has seen nothing yet, it looks around on the spot, where
-        the ground is known.
-        """
-        if self._missing_ns is None:
-            self._missing_ns = self._now_ns
+        """Stand still, or turn to where something is seen; return the command."""
+        if not self._waiting.is_on:
             self.notes.append(f'stands still: {missing}')
         self._progress.stand()
-        config, waited_s = self._config, (self._now_ns - self._missing_ns) * 1e-9
-        turn_s = 2.0 * math.pi / config.max_yaw_rate_radps
-        # An image comes a while after the turn that shows something.
-        back_s = (0.0 if heading is None or self._seeing_heading is None
-                  else 0.5 * turn_s + config.map_age_s)
-        around_s = 0.0 if heading is None else turn_s
-        if waited_s > config.lost_s + back_s + around_s:
+        command = self._waiting.go_on(self._now_ns, missing, heading)
+        if command is None:
             return self._fail(Failure.LOST, missing, None)
-        yaw_rate = 0.0
-        if heading is not None and waited_s < back_s:
-            assert self._seeing_heading is not None
-            if self._looking.is_on:
-                self._end_look()
-            off = math.remainder(self._seeing_heading - heading, 2.0 * math.pi)
-            if abs(off) > ALIGNED_RAD:
-                yaw_rate = math.copysign(config.max_yaw_rate_radps, off)
-        elif heading is not None and waited_s > back_s + config.map_age_s \
-                and waited_s < back_s + config.map_age_s + around_s:
-            yaw_rate = config.max_yaw_rate_radps
-        return NavigatorCommand(0.0, yaw_rate, Status.WAITING, missing)
+        if self._waiting.turns_back and self._looking.is_on:
+            self._end_look()
+        return command
 
     # Progress
 
