@@ -140,6 +140,7 @@ def awaits_lidar(scenario: Scenario) -> bool:
 
 
 def records_scans(scenario: Scenario) -> bool:
+    """Return whether the run records topics of the LiDAR by their names."""
     recorded = {name.lstrip('/') for name in scenario.recorder_node.topics}
     return 'recorder_node' in scenario.run.nodes and not recorded.isdisjoint(
         (*LIDAR_TOPICS, topics.LIDAR_SCANNED.name))

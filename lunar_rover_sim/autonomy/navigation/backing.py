@@ -63,12 +63,12 @@ class Backing:
 
     def begin_trail(self, at: Array) -> None:
         """Forget the trail, and begin another where the rover stands, (2,)."""
-        self.trail = [self._stood(at, max(self._config.plan.start_m, self._radius_m))]
+        self.trail = [_stood(at, max(self._config.plan.start_m, self._radius_m))]
 
     def add_to_trail(self, at: Array) -> None:
         """Take note of where the rover stands, (2,): that ground is known."""
         if math.hypot(at[0] - self.trail[-1].x_m, at[1] - self.trail[-1].y_m) > _TRAIL_M:
-            self.trail.append(self._stood(at, self._radius_m))
+            self.trail.append(_stood(at, self._radius_m))
 
     def edge(self, now_ns: int, position: Array, heading_rad: float, lean: Array,
              goals: list[Array]) -> Disc | None:
@@ -90,13 +90,13 @@ class Backing:
         return Disc(float(x), float(y), _EDGE_RADIUS_M, Ground.BUMP, now_ns + REMEMBERED_NS)
 
     def begin(self, now_ns: int, position: Array, heading_rad: float, planner: Planner | None,
-              text: str, edge: Disc | None = None) -> tuple[str, list[Disc]]:
+              text: str, edge: Disc | None) -> tuple[str, list[Disc]]:
         """Begin to back off, if there is room; return a note and the ground to keep off.
 
         Args:
             planner: Of the newest map; None: it knows of no room.
             text: Why.
-            edge: Ground of which it gets clear with all of its legs.
+            edge: Ground of which it gets clear with all of its legs; None: it leans over none.
         """
         wanted = self._config.back_off_m
         if edge is not None:
@@ -156,5 +156,6 @@ class Backing:
         del self.trail[last + 1:]
         return np.asarray(places[last])
 
-    def _stood(self, at: Array, radius_m: float) -> Disc:
-        return Disc(float(at[0]), float(at[1]), radius_m, Ground.STOOD)
+
+def _stood(at: Array, radius_m: float) -> Disc:
+    return Disc(float(at[0]), float(at[1]), radius_m, Ground.STOOD)

@@ -42,8 +42,8 @@ class FarGoals:
         self.plan, self.is_known = plan, True
 
     def make(self, costs: CostsAround | None, position: Array,
-             goals: Sequence[Array]) -> bool:
-        """Plan where a goal is far; return whether there is a plan now.
+             goals: Sequence[Array]) -> GlobalPlan | None:
+        """Plan where a goal is far; return the plan, None where none is.
 
         Args:
             costs: As of `Navigator`.
@@ -55,9 +55,9 @@ class FarGoals:
         places = [position[:2], *goals]
         if costs is None or all(np.linalg.norm(b - a) <= self._config.from_m
                                 for a, b in zip(places, places[1:])):
-            return False
+            return None
         self.plan = GlobalPlan(costs(places), position, goals, self._config)
-        return True
+        return self.plan
 
     def make_anew(self, position: Array) -> str | None:
         """Plan another way, since none leads along the plan; return why there is none."""

@@ -33,7 +33,6 @@ class LocalPlan:
     Attributes:
         plan: What it follows; None without one.
         planner: Of the newest map; None: it knows none.
-        grid: The newest map; None: it knows none.
     """
 
     def __init__(self, config: NavigatorConfig, radius_m: float) -> None:
@@ -47,25 +46,23 @@ class LocalPlan:
             speed_mps=config.speed_mps, max_yaw_rate_radps=config.max_yaw_rate_radps,
             lookahead_m=config.lookahead_m, turn_in_place_deg=_TURN_IN_PLACE_DEG,
             goal_tolerance_m=config.goal_tolerance_m)
-        self.grid: Traversability | None = None
         self._overview: Overview | None = None
         self.drop()
 
     def drop(self) -> None:
         """Forget the plan, and the map that it was made over."""
-        self.plan: Plan | None = None
-        self._pursuit: PurePursuit | None = None
+        self.drop_plan()
         self.planner: Planner | None = None
-        self._planned_ns: int | None = None
 
     def drop_plan(self) -> None:
         """Forget the plan, and plan again at once."""
-        self.plan = self._pursuit = None
+        self.plan: Plan | None = None
+        self._pursuit: PurePursuit | None = None
         self.plan_again()
 
     def plan_again(self) -> None:
         """Plan again at once."""
-        self._planned_ns = None
+        self._planned_ns: int | None = None
 
     def forget_overview(self) -> None:
         """Forget what was seen beyond the map."""

@@ -75,6 +75,7 @@ class Navigator:
         self._now_ns = 0
         self._final: NavigatorCommand | None = None
         self._discs: list[Disc] = []
+        self._grid: Traversability | None = None
         self._position: Array | None = None
         self._waiting = Waiting(self._config)
         self._far = FarGoals(self._config.far)
@@ -222,7 +223,7 @@ class Navigator:
             return self._let_down() or self._wait_for(missing, heading)
         self._waiting.end()
         assert grid is not None
-        if self._local.grid is None or grid.stamp_ns != self._local.grid.stamp_ns:
+        if self._grid is None or grid.stamp_ns != self._grid.stamp_ns:
             self._waiting.note_seeing(heading)
         self._note_place(position)
         self._progress.note_motion(stamp_ns, position, heading)
@@ -238,8 +239,8 @@ class Navigator:
             return reached
         lean = rotation[:2, 2]
         if self._rearing.lasts(stamp_ns) and not self._backing.is_on:
-            return self._recover(Failure.TILT, f'tilted by {tilt:.0f} deg', position,
-                                 self._edge(position, heading, lean))
+            return self._recover(Failure.TILT, f'tilted by {tilt:.0f} deg', position, heading,
+                                 lean)
         reared = self._let_down()
         if reared is not None:
             return reared
@@ -248,12 +249,12 @@ class Navigator:
         if not self._looking.stands and self._progress.is_stuck:
             return self._recover(
                 Failure.STUCK, f'moved less than {STUCK_M:g} m in '
-                f'{self._config.stuck_time_s:g} s', position, self._edge(position, heading, lean))
+                f'{self._config.stuck_time_s:g} s', position, heading, lean)
         late = self._patience(position)
         if late is not None:
             return late
-        new_map = grid is not self._local.grid
-        self._local.grid = grid
+        new_map = grid is not self._grid
+        self._grid = grid
         if self._looking.is_on:
             return self._go_on_looking(heading)
         if self._looking.stops(stamp_ns, position, grid.stamp_ns):
@@ -266,10 +267,11 @@ class Navigator:
     def _plan_far(self, position: Array) -> NavigatorCommand | None:
         """Plan over the map from orbit where a goal is far; return a command without a way."""
         try:
-            if self._far.make(self._costs, position, self._goals) and self.far is not None:
-                self.notes.append(f'plans over the map from orbit: {self.far.length_m:.0f} m')
+            plan = self._far.make(self._costs, position, self._goals)
         except NavigationError as error:
             return self._fail(Failure.BLOCKED, str(error), None)
+        if plan is not None:
+            self.notes.append(f'plans over the map from orbit: {plan.length_m:.0f} m')
         return None
 
     def _target(self, position: Array) -> Array:
@@ -386,21 +388,19 @@ class Navigator:
         return None if velocity is None else NavigatorCommand(
             *velocity, Status.LETTING_DOWN, 'the body has reared up')
 
-    def _edge(self, position: Array, heading: float, lean: Array) -> Disc | None:
-        return self._backing.edge(self._now_ns, position, heading, lean, self._goals)
-
-    def _recover(self, why: Failure, text: str, position: Array,
-                 edge: Disc | None = None) -> NavigatorCommand:
+    def _recover(self, why: Failure, text: str, position: Array, heading: float,
+                 lean: Array) -> NavigatorCommand:
         """Back off, and remember what is there.
 
         Args:
-            edge: Ground of which it gets clear with all of its legs.
+            lean: As of `Backing.edge`.
         """
         self._progress.recoveries += 1
         if self._progress.recoveries > self._config.recoveries:
             return self._go_another_way(
                 why, f'{text}, and backed off {self._config.recoveries} times', position)
         self.backed_off += 1
+        edge = self._backing.edge(self._now_ns, position, heading, lean, self._goals)
         note, discs = self._backing.begin(self._now_ns, position, self._progress.heading_rad,
                                           self._local.planner, text, edge)
         self.notes.append(note)
